@@ -1,4 +1,5 @@
-//! Compiles every kernel in `glsl/` to SPIR-V in `OUT_DIR`, with `shared.glsl` generated from `src/shared`, and lists them.
+//! Compiles every kernel in `glsl/` to SPIR-V in `OUT_DIR`, with `shared.glsl` generated from `src/shared`, and lists
+//! them.
 
 #[path = "src/gpu/compile.rs"]
 mod compile;

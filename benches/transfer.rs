@@ -1,4 +1,5 @@
-//! Criterion benchmarks of the products that indirect light takes, by shape and bytes; set them against `relume bench`'s copy rate.
+//! Criterion benchmarks of the products that indirect light takes, by shape and bytes; set them against
+//! `relume bench`'s copy rate.
 
 use std::sync::Arc;
 use std::time::Duration;

@@ -1,5 +1,6 @@
 // λ0: coefficients of a light without size at unit intensity in gather samples, the mean over each sample's points; or
-// of a light with a size, of which each point sees another point. One thread per sample. Twin: src/bake/transport/direct.rs.
+// of a light with a size, of which each point sees another point. One thread per sample. Twin:
+// src/bake/transport/direct.rs.
 
 #include "lib/brdf.glsl"
 #include "lib/light.glsl"

@@ -12,7 +12,8 @@
 //! ```
 //!
 //! - [`scene`]: files in, plain data out. World space is in double precision.
-//! - [`bake`]: [`scene::Scene`] -> [`bake::DeepFramebuffer`], what does not depend on the lights: view samples, transfer, its compression.
+//! - [`bake`]: [`scene::Scene`] -> [`bake::DeepFramebuffer`], what does not depend on the lights: view samples,
+//!   transfer, its compression.
 //! - [`relight`]: visibility, shading, sums of light images, the picture.
 //! - [`session`]: from a scene's file to a relighter: settings, plan, cache, bake.
 //! - [`final_gather`]: indirect light gathered anew for known lights, better with each pass.
@@ -26,7 +27,8 @@
 //! - [`shared`]: the structs that Rust and the kernels in `glsl/` have in common, declared once.
 //! - [`image`]: EXR and PNG, and how pictures differ.
 //! - [`report`]: a page of what was measured, errors against run time above all.
-//! - [`mod@reference`]: the kernels again in double precision on the CPU, to test them against, and a path tracer: the truth.
+//! - [`mod@reference`]: the kernels again in double precision on the CPU, to test them against, and a path tracer: the
+//!   truth.
 //!
 //! ```no_run
 //! use std::path::Path;
@@ -57,8 +59,8 @@
 //! - [Christensen 2003] Christensen, Adjoints and importance in rendering: an overview, IEEE TVCG 9(3).
 //! - [Cigolle 2014] Cigolle et al., A survey of efficient representations for independent unit vectors, JCGT 3(2).
 //! - [Clarberg 2008] Clarberg, Fast equal-area mapping of the (hemi)sphere using SIMD, Journal of Graphics Tools 13(3).
-//! - [Croci 2022] Croci et al., Stochastic rounding: implementation, error analysis and applications, Royal Society Open
-//!   Science 9(3).
+//! - [Croci 2022] Croci et al., Stochastic rounding: implementation, error analysis and applications, Royal Society
+//!   Open Science 9(3).
 //! - [Duff 2017] Duff et al., Building an orthonormal basis, revisited, JCGT 6(1).
 //! - [Dupuy 2023] Dupuy, Benyoub, Sampling visible GGX normals with spherical caps, Computer Graphics Forum 42(8).
 //! - [Efron 1973] Efron, Morris, Stein's estimation rule and its competitors - an empirical Bayes approach, Journal of
@@ -70,10 +72,11 @@
 //! - [glTF 2.0] The Khronos Group, glTF 2.0 Specification, 2021; Appendix B is its BRDF. Extensions by their names:
 //!   KHR_lights_punctual, EXT_lights_area (draft), EXT_lights_ies, EXT_lights_image_based, KHR_materials_specular,
 //!   KHR_materials_ior, ...
-//! - [Giraud 2005] Giraud et al., Rounding error analysis of the classical Gram-Schmidt process, Numerische Mathematik 101.
+//! - [Giraud 2005] Giraud et al., Rounding error analysis of the classical Gram-Schmidt process, Numerische Mathematik
+//!   101.
 //! - [Graham 1969] Graham, Bounds on multiprocessing timing anomalies, SIAM Journal on Applied Mathematics 17(2).
-//! - [Grassmann 1985] Grassmann, Taksar, Heyman, Regenerative analysis and steady state distributions for Markov chains,
-//!   Operations Research 33(5).
+//! - [Grassmann 1985] Grassmann, Taksar, Heyman, Regenerative analysis and steady state distributions for Markov
+//!   chains, Operations Research 33(5).
 //! - [Halton 1960] Halton, On the efficiency of certain quasi-random sequences of points, Numerische Mathematik 2.
 //! - [Hanika 2021] Hanika, Hacking the shadow terminator, Ray Tracing Gems II, chapter 4.
 //! - [Hasan 2006] Hašan, Pellacini, Bala, Direct-to-indirect transfer for cinematic relighting, SIGGRAPH.
@@ -106,7 +109,8 @@
 //! - [Lloyd 1982] Lloyd, Least squares quantization in PCM, IEEE Transactions on Information Theory 28(2).
 //! - [Matousek 1998] Matousek, On the L2-discrepancy for anchored boxes, J. Complexity 14(4).
 //! - [Narkowicz 2015] Narkowicz, ACES filmic tone mapping curve.
-//! - [Ng 2003] Ng, Ramamoorthi, Hanrahan, All-frequency shadows using non-linear wavelet lighting approximation, SIGGRAPH.
+//! - [Ng 2003] Ng, Ramamoorthi, Hanrahan, All-frequency shadows using non-linear wavelet lighting approximation,
+//!   SIGGRAPH.
 //! - [OpenGL 4.6] The Khronos Group, The OpenGL Graphics System: A Specification, version 4.6, core profile, 2022.
 //! - [OpenJD 2023] Open Job Description, Template schemas, version 2023-09.
 //! - [Poulin 1992] Poulin, Fournier, Lights from highlights and shadows, I3D.
@@ -120,8 +124,8 @@
 //! - [S-2014-004] Academy of Motion Picture Arts and Sciences, ACEScg: a working space for CGI render and compositing.
 //! - [Saad 1986] Saad, Schultz, GMRES: a generalized minimal residual algorithm, SIAM Journal on Scientific and
 //!   Statistical Computing 7(3).
-//! - [Sinkhorn 1967] Sinkhorn, Knopp, Concerning nonnegative matrices and doubly stochastic matrices, Pacific Journal of
-//!   Mathematics 21(2).
+//! - [Sinkhorn 1967] Sinkhorn, Knopp, Concerning nonnegative matrices and doubly stochastic matrices, Pacific Journal
+//!   of Mathematics 21(2).
 //! - [Sobotka 2022] Sobotka, AgX; [Wrensch 2023] Wrensch, Minimal AgX implementation.
 //! - [Schlick 1994] Schlick, An inexpensive BRDF model for physically-based rendering, Computer Graphics Forum 13(3).
 //! - [Steele 2014] Steele, Lea, Flood, Fast splittable pseudorandom number generators, OOPSLA.

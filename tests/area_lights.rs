@@ -307,8 +307,8 @@ fn mirrors_show_lights() {
     }
 }
 
-/// A pane that covers half of what is behind it halves a light in a mirror, unless the light casts no shadows: then all of
-/// it is seen, once.
+/// A pane that covers half of what is behind it halves a light in a mirror, unless the light casts no shadows: then all
+/// of it is seen, once.
 #[test]
 fn mirrors_show_lights_through_panes() {
     let gpu = gpu();
@@ -428,8 +428,8 @@ fn highlights_while_moving() {
     }
 }
 
-/// Direct, mirrored and indirect light of a spot with a radius is that of 256 spots in its place; and pictures with ever
-/// more of its points end in the same one, to the last bit.
+/// Direct, mirrored and indirect light of a spot with a radius is that of 256 spots in its place; and pictures with
+/// ever more of its points end in the same one, to the last bit.
 #[test]
 fn a_light_is_the_mean_of_its_points() {
     let gpu = gpu();

@@ -384,7 +384,8 @@ fn rays_pass_by_chance_and_packets_by_product() {
     }
 }
 
-/// Walls and a sheet between them glow and reflect alike: whatever the sheet lets through, radiance is the same everywhere.
+/// Walls and a sheet between them glow and reflect alike: whatever the sheet lets through, radiance is the same
+/// everywhere.
 #[test]
 fn a_furnace_with_a_sheet() {
     let albedo = 0.6;

@@ -33,8 +33,8 @@ fn tilt(degrees: f64) -> DVec3 {
     DVec3::new(sine, 0.0, cosine)
 }
 
-/// Bins over the half vectors of one `wo`, stretched by 1 / `width`, so that they fit the lobe of that alpha. Columns are
-/// equal; rows are equal in the root of the cosine, which is fine at the horizon, where grazing lobes end.
+/// Bins over the half vectors of one `wo`, stretched by 1 / `width`, so that they fit the lobe of that alpha. Columns
+/// are equal; rows are equal in the root of the cosine, which is fine at the horizon, where grazing lobes end.
 #[derive(Clone, Copy)]
 struct Grid {
     frame: DMat3,

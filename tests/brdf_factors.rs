@@ -21,7 +21,8 @@ const FUNCTIONS: [usize; 7] = [1, 4, 9, 16, 25, 36, 49];
 /// What one roughness gives, for each δ.
 struct Measured {
     roughness: f32,
-    /// At the 812 directions that singular values are of: δ of `TERMS`, `FUNCTIONS`, and as many singular values as these.
+    /// At the 812 directions that singular values are of: δ of `TERMS`, `FUNCTIONS`, and as many singular values as
+    /// these.
     terms_at_texels: Near,
     functions_at_texels: Near,
     as_many_at_texels: Near,

@@ -119,8 +119,8 @@ fn held_out_lights_come_out_as_they_do_of_the_dense_operator() {
             "{scene}: {error:.4}, points {:.4}, spots {:.4}, noise {:.4}",
             report.point, report.spot, report.noise
         );
-        // Noise that is left out counts as error here, and there is much with so few rays; both together are at most half of
-        // what was asked for longer than noise alone.
+        // Noise that is left out counts as error here, and there is much with so few rays; both together are at most
+        // half of what was asked for longer than noise alone.
         assert!(error < report.noise + 0.005, "{scene}: {error}, noise {}", report.noise);
         // Dense is 3 for each of 1,024 to some 10,000 coefficients.
         let (pixels, coefficients) = (stage.framebuffer.reflecting().len(), transfer.fine.coefficient_count());

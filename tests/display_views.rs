@@ -1,5 +1,5 @@
-//! Views of OpenColorIO configurations: values beside those of OpenColorIO itself, pictures of the device beside them, and
-//! damaged configurations.
+//! Views of OpenColorIO configurations: values beside those of OpenColorIO itself, pictures of the device beside them,
+//! and damaged configurations.
 
 mod command;
 mod common;
@@ -20,8 +20,8 @@ use relume::relight::{Picture, Request, ToneMap, display_table};
 use relume::scene::Scene;
 use relume::shared::OUTPUT_TABLE;
 
-/// Exposed scene-linear Rec. 709: grey, colours inside and outside of displays' gamuts, light brighter than white, noise
-/// below black.
+/// Exposed scene-linear Rec. 709: grey, colours inside and outside of displays' gamuts, light brighter than white,
+/// noise below black.
 const COLORS: [[f32; 3]; 8] = [
     [0.18, 0.18, 0.18],
     [1.0, 0.5, 0.25],

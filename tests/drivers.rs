@@ -1,4 +1,5 @@
-//! Pictures of shipped scenes on every Vulkan driver that this machine has: lavapipe at other vector widths, SwiftShader.
+//! Pictures of shipped scenes on every Vulkan driver that this machine has: lavapipe at other vector widths,
+//! SwiftShader.
 //!
 //! `tools/test` runs the tests of kernels on the same drivers.
 
@@ -10,8 +11,8 @@ use command::{Run, SWIFTSHADER, difference, folder, read_exr, relume, shipped};
 
 /// Lavapipe at 256 bits makes the pictures that others are compared with.
 const USUAL: Driver = Driver { name: "lavapipe, 256 bits", variable: "LP_NATIVE_VECTOR_WIDTH", value: "256" };
-/// Largest difference from that, relative to the brightest value of a picture: what other roundings of the same operations,
-/// some hundred in a row, come to. Lavapipe differs at no width.
+/// Largest difference from that, relative to the brightest value of a picture: what other roundings of the same
+/// operations, some hundred in a row, come to. Lavapipe differs at no width.
 const ROUNDINGS: f32 = 1e-5;
 
 struct Driver {

@@ -185,8 +185,8 @@ fn path_traced(stage: &Stage, camera: &Camera) -> Vec<[f32; 3]> {
     film.layer(Half::Both, Layer::Emission)
 }
 
-/// Light of the panel: relume's with 200 gather samples, `coarse` of them for further bounces, and rows of 128 rays; and the
-/// path tracer's.
+/// Light of the panel: relume's with 200 gather samples, `coarse` of them for further bounces, and rows of 128 rays;
+/// and the path tracer's.
 fn beside_the_path_tracer(build: Build, camera: &Camera, coarse: usize) -> [Vec<[f32; 3]>; 2] {
     let mut stage = staged(build, camera);
     [relit(&mut stage, &settings(200, coarse, 128)), path_traced(&stage, camera)]
@@ -211,8 +211,8 @@ fn differences([ours, want]: &[Vec<[f32; 3]>; 2], side: usize) -> (f64, f64) {
     (error, bias)
 }
 
-/// A panel shines up at the ceiling of a closed room. Which samples its small bright patch gets is left to chance, so the
-/// bias is a mean over seeds.
+/// A panel shines up at the ceiling of a closed room. Which samples its small bright patch gets is left to chance, so
+/// the bias is a mean over seeds.
 #[test]
 fn panels_light_rooms_as_much_as_paths_find() {
     const SEEDS: u64 = 8;

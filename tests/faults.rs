@@ -1,5 +1,5 @@
-//! Every Vulkan call that can fail does, early and late: one clear error, nothing half-written, nothing left behind that the
-//! validation layer sees.
+//! Every Vulkan call that can fail does, early and late: one clear error, nothing half-written, nothing left behind
+//! that the validation layer sees.
 
 mod command;
 mod desktop;
@@ -75,7 +75,8 @@ fn objects_to_nothing(run: Run) -> Run {
     run
 }
 
-/// Makes calls of each kind fail from the first on, from the second, the fourth and so forth until none is left to fail.
+/// Makes calls of each kind fail from the first on, from the second, the fourth and so forth until none is left to
+/// fail.
 fn fails_cleanly(calls: &[&str], visibility: &str) {
     let folder = tempfile::tempdir().unwrap();
     let output = folder.path().join("picture.png");

@@ -101,8 +101,8 @@ fn light_of_any_kind_is_what_the_path_tracer_finds() {
     }
 }
 
-/// Mirrors send on light that comes from matt surfaces, and from lights: small ones by photons, others by rays. Emitters,
-/// too.
+/// Mirrors send on light that comes from matt surfaces, and from lights: small ones by photons, others by rays.
+/// Emitters, too.
 #[test]
 fn mirrors_and_emitters() {
     let scene = TracedScene::new(Scene::load(&shipped("balls-2.glb")).unwrap());
@@ -208,7 +208,8 @@ fn a_mirror_is_a_window() {
     }
 }
 
-/// Inside a white-hot box whose walls reflect half of the light, indirect radiance is emission times albedo / (1 - albedo).
+/// Inside a white-hot box whose walls reflect half of the light, indirect radiance is emission times albedo / (1 -
+/// albedo).
 #[test]
 fn a_furnace_is_even() {
     let mut build = Build::default();
@@ -246,7 +247,8 @@ fn threads_do_not_matter() {
 /// Share of the noise that may be taken for bias where there is hardly any.
 const LEFT: f64 = 0.15;
 
-/// Of a biased and a noisy estimate, the combination is nearly as good as the better one, or better, and knows how good.
+/// Of a biased and a noisy estimate, the combination is nearly as good as the better one, or better, and knows how
+/// good.
 #[test]
 fn the_combination_is_at_least_as_good_as_the_better_estimate() {
     const WIDTH: usize = 96;

@@ -131,7 +131,8 @@ fn multiply_blocks() {
     let mut frames = Frames::new(&gpu).unwrap();
     let mut random = Random::new(9);
     let shapes = [(1, 1, false), (3, 130, true), (1, 3001, true), (3, 700, false), (1, 700, true), (3, 65, true)];
-    // Alone, or with one of several lights absent; with light on all elements, or on so few that it is dark in many a column group.
+    // Alone, or with one of several lights absent; with light on all elements, or on so few that it is dark in many a
+    // column group.
     let lit = [(1, 1, 1.0), (3, 4, 1.0), (1, 1, 0.1), (3, 4, 0.03), (1, 1, 0.0)];
     let cases = shapes.into_iter().flat_map(|shape| lit.map(|lit| (shape, lit)));
     // The narrow form works everywhere.
@@ -268,7 +269,8 @@ fn column_groups_in_the_dark_are_passed_over() {
             shared: Columns { inputs: &shared, values: &[1.0; 16] },
             tints: &[Vec3::ONE; 16],
         });
-        // Of one row: column groups of R, G and B in turn, then those that they share. The first of either kind are in the dark.
+        // Of one row: column groups of R, G and B in turn, then those that they share. The first of either kind are in
+        // the dark.
         let factors = matrix.values.to_mut();
         [0, 1, 2, 6].into_iter().for_each(|place| factors[place] = UVec4::splat(0x7e00_7e00));
         let lit = |element: usize| element / column_group % 2 == 1;

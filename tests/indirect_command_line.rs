@@ -52,8 +52,8 @@ fn passes_add_up() {
     assert!(difference(&layer(&stripped, "indirect"), &layer(&stripped, "indirect_glossy")) < 1e-5);
 }
 
-/// Direct and indirect light, diffuse and specular, of each light add up to the beauty, also on mirrors and anti-aliased
-/// edges, and under a light with a size.
+/// Direct and indirect light, diffuse and specular, of each light add up to the beauty, also on mirrors and
+/// anti-aliased edges, and under a light with a size.
 #[test]
 fn parts_of_lights_add_up() {
     let folder = folder();

@@ -239,8 +239,8 @@ fn composite_sums_and_maps_tones() {
                     assert!(error.cmple(6.0 * ROUNDING * size).all(), "pixel {at}: off by {error}");
                     continue;
                 }
-                // Rounding to 8 bits, and what Vulkan lets `pow` and `log2` be off by: 1e-4 of white. The table is noise:
-                // rounding of 64 steps in single precision moves the place in it by 1e-5 of one.
+                // Rounding to 8 bits, and what Vulkan lets `pow` and `log2` be off by: 1e-4 of white. The table is
+                // noise: rounding of 64 steps in single precision moves the place in it by 1e-5 of one.
                 let want = 255.0 * composite::display(output_kind, sum, &table);
                 let [r, g, b, alpha] = target.host()[at].to_le_bytes();
                 let got = DVec3::new(r.into(), g.into(), b.into());

@@ -39,8 +39,8 @@ fn render(folder: &Path, scene: &str, limits: &str, more: &[&str]) -> Run {
     run("render", scene, limits, &[&["-o", &output, "--cache", &cache], more].concat())
 }
 
-/// Renders on devices with each of `values` as `limit`, and counts pictures and refusals. Pictures are those of a device
-/// without limits.
+/// Renders on devices with each of `values` as `limit`, and counts pictures and refusals. Pictures are those of a
+/// device without limits.
 fn sweep(limit: &str, values: &[u64], more: &[&str]) -> [usize; 2] {
     let more = [&["--size", SIZE], more].concat();
     let clean = folder();

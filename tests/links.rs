@@ -139,8 +139,8 @@ fn mean(film: &Film, layer: Layer) -> f64 {
     pixels.iter().flatten().map(|&x| f64::from(x)).sum::<f64>() / (3 * pixels.len()) as f64
 }
 
-/// In a sphere of which a light lights a half, the irradiance after k bounces is albedo^k times the flux on that half over
-/// the area, everywhere. With a size, the light is also found by chance.
+/// In a sphere of which a light lights a half, the irradiance after k bounces is albedo^k times the flux on that half
+/// over the area, everywhere. With a size, the light is also found by chance.
 #[test]
 fn what_is_not_lit_bounces_nothing() {
     let mut scene = common::stage::ball(48, named("upper", white()));
@@ -178,8 +178,8 @@ fn what_is_not_lit_bounces_nothing() {
     }
 }
 
-/// A black board out of sight hides each light, and casts no shadow; the floor is glossy, so lights with a size are found
-/// by chance as often as by looking for them.
+/// A black board out of sight hides each light, and casts no shadow; the floor is glossy, so lights with a size are
+/// found by chance as often as by looking for them.
 #[test]
 fn the_path_tracer_passes_what_casts_no_shadow() {
     let scene = |board: bool| {
@@ -265,8 +265,8 @@ fn pictures_pass_what_casts_no_shadow() {
 }
 
 /// A narrow spot through a veil that casts no shadow: its rays light the veil and the floor behind it. Where samples
-/// lie in its small cone is left to chance, so the picture is a mean over seeds; with 1,000 samples, whose distance is the
-/// width of the cone, it would be 5 % too bright.
+/// lie in its small cone is left to chance, so the picture is a mean over seeds; with 1,000 samples, whose distance is
+/// the width of the cone, it would be 5 % too bright.
 #[test]
 fn light_rays_pass_what_casts_no_shadow() {
     const SEEDS: u64 = 4;

@@ -1,6 +1,6 @@
-//! Thousands of damaged files for each importer that takes text or binary of ours: rigs, event scripts, cache files whose
-//! checksum is right. Each ends as something sound or in one error that names the file. tests/hostile_scenes.rs has
-//! scenes, tests/image_files.rs has images, tests/cache.rs cache files whose checksum tells.
+//! Thousands of damaged files for each importer that takes text or binary of ours: rigs, event scripts, cache files
+//! whose checksum is right. Each ends as something sound or in one error that names the file. tests/hostile_scenes.rs
+//! has scenes, tests/image_files.rs has images, tests/cache.rs cache files whose checksum tells.
 
 mod common;
 

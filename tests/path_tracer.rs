@@ -79,8 +79,8 @@ impl Halves {
     }
 }
 
-/// Differences of block means over their standard errors: few beyond 3, none beyond 5, spread as noise spreads, and to no
-/// side more than to the other.
+/// Differences of block means over their standard errors: few beyond 3, none beyond 5, spread as noise spreads, and to
+/// no side more than to the other.
 fn check_agreement(ours: &Halves, theirs: &Halves, side: usize, left_out: &[bool], name: &str) -> Result<(), String> {
     let residuals: Vec<f64> = ours
         .blocks(side, left_out)
@@ -99,7 +99,8 @@ fn check_agreement(ours: &Halves, theirs: &Halves, side: usize, left_out: &[bool
         100.0 * beyond(3.0)
     );
     println!("{line}");
-    // Three standard errors of the mean, a pixel's three channels being nearly one; no more than that can few blocks tell.
+    // Three standard errors of the mean, a pixel's three channels being nearly one; no more than that can few blocks
+    // tell.
     let most = if is_full() { 0.2 } else { 3.0 / (count / 3.0).sqrt() };
     // 1 %, but one of them however few they are.
     let most_beyond = f64::max(0.01, 1.0 / count);
@@ -107,10 +108,10 @@ fn check_agreement(ours: &Halves, theirs: &Halves, side: usize, left_out: &[bool
     if fine { Ok(()) } else { Err(line) }
 }
 
-/// Pixels that any two tracers decide for themselves: whose centre lies within a thousandth of a pixel of an edge between
-/// two faces, or within a tenth of one of a shadow's edge. Where shadow rays start, 1e-5 m off a surface here and 1e-4 m
-/// there, moves that edge by a fiftieth of a pixel, and further where light grazes. And those where a coarse mesh would
-/// shadow itself if rays started on its triangles, as theirs do.
+/// Pixels that any two tracers decide for themselves: whose centre lies within a thousandth of a pixel of an edge
+/// between two faces, or within a tenth of one of a shadow's edge. Where shadow rays start, 1e-5 m off a surface here
+/// and 1e-4 m there, moves that edge by a fiftieth of a pixel, and further where light grazes. And those where a coarse
+/// mesh would shadow itself if rays started on its triangles, as theirs do.
 fn edges(scene: &Scene, width: u32, height: u32) -> Vec<bool> {
     let scene = &TracedScene::new(scene.clone());
     let tiling = Tiling { width, height };
@@ -222,8 +223,8 @@ fn shipped_truths_are_true() {
     }
 }
 
-/// They show what another renderer's picture shows: a pixel of theirs is the mean of so many of its, but for what one ray
-/// through the centre misses.
+/// They show what another renderer's picture shows: a pixel of theirs is the mean of so many of its, but for what one
+/// ray through the centre misses.
 #[test]
 fn shipped_truths_are_those_of_another_renderer() {
     for name in ["cornell-diffuse", "cornell-glossy"] {
@@ -306,7 +307,8 @@ fn layers_add_up_and_bounces_can_be_cut() {
     assert!(glossy.iter().sum::<f64>() > 0.01 * indirect.iter().sum::<f64>(), "the block and the ball are glossy");
 }
 
-/// Each light's layer is what the light does, bounces past those that have layers included; one that is off does nothing.
+/// Each light's layer is what the light does, bounces past those that have layers included; one that is off does
+/// nothing.
 #[test]
 fn lights_add_up() {
     let mut scene = Scene::load(&shipped("balls-16.glb")).unwrap();

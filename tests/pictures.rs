@@ -64,8 +64,8 @@ fn check(figures: &Figures, floor: &Floor, name: &str) -> Result<(), String> {
     ))
 }
 
-/// Pixels with neighbours of another surface, normal or visibility, row by row: those that would get more samples. And those
-/// in which a coarse mesh would shadow itself if rays started on its triangles, as the references' do.
+/// Pixels with neighbours of another surface, normal or visibility, row by row: those that would get more samples. And
+/// those in which a coarse mesh would shadow itself if rays started on its triangles, as the references' do.
 fn edges(path: &Path, setup: &Setup) -> Vec<bool> {
     let stage = bake_scene(path, &Setup { samples: 2, ..setup.clone() });
     let mut edges = vec![false; (setup.width * setup.height) as usize];
@@ -289,8 +289,8 @@ fn goldens() {
 /// of hundreds. A ray fewer of each row (127 instead of 128) is 0.015 off, another seed 0.08 and more (RMS).
 const INDIRECT_GOLDEN: f64 = 1e-3;
 
-/// The same of indirect light alone, compressed, and spread over the samples of edges: with few gather samples and rays,
-/// so that its bake takes seconds.
+/// The same of indirect light alone, compressed, and spread over the samples of edges: with few gather samples and
+/// rays, so that its bake takes seconds.
 #[test]
 fn goldens_of_indirect_light() {
     let IndirectSettings::Robust { outgoing, .. } = IndirectSettings::default() else { panic!("ours is the default") };

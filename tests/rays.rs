@@ -109,7 +109,8 @@ fn closest_hits_are_those_of_brute_force() {
     }
 }
 
-/// Rays from one point, 64 at a time, meet what single rays meet, or something as near; lanes without a ray meet nothing.
+/// Rays from one point, 64 at a time, meet what single rays meet, or something as near; lanes without a ray meet
+/// nothing.
 #[test]
 fn fans_are_single_rays() {
     let mut random = Random::new(17);
@@ -149,8 +150,9 @@ fn fans_are_single_rays() {
     }
 }
 
-/// A room of 6 x 8 x 8 quads: from inside, every ray hits, along seams too, and straight through corners where coordinates
-/// are round. Where they are not, some rays of ten thousand that aim at a corner itself pass between its triangles.
+/// A room of 6 x 8 x 8 quads: from inside, every ray hits, along seams too, and straight through corners where
+/// coordinates are round. Where they are not, some rays of ten thousand that aim at a corner itself pass between its
+/// triangles.
 #[test]
 fn no_ray_leaves_a_closed_room() {
     let mut random = Random::new(12);

@@ -31,8 +31,8 @@ const LESS: [(&str, Take); 6] = [
     ("single-sided", |m| m.double_sided = false),
 ];
 
-/// No light is lost among furniture, textures, gloss and double-sided faces: 17 % were, before samples lay where paths came
-/// to. Lamps alone: the window's light is looked at elsewhere. Prints ratios, of the first bounce and of all.
+/// No light is lost among furniture, textures, gloss and double-sided faces: 17 % were, before samples lay where paths
+/// came to. Lamps alone: the window's light is looked at elsewhere. Prints ratios, of the first bounce and of all.
 #[test]
 fn a_furnished_room_keeps_its_light() {
     let Some(path) = shared("scenes/rooms/living-room.glb") else { return };
@@ -69,8 +69,8 @@ fn a_furnished_room_keeps_its_light() {
     }
 }
 
-/// What rays from the picture's surfaces read of one lamp's light after its first bounce, against what is there: tells where
-/// light is lost, by the material that sends it and by the one that receives it. Prints the largest losses.
+/// What rays from the picture's surfaces read of one lamp's light after its first bounce, against what is there: tells
+/// where light is lost, by the material that sends it and by the one that receives it. Prints the largest losses.
 #[test]
 fn first_bounces_are_read_as_they_are() {
     let Some(path) = shared("scenes/rooms/living-room.glb") else { return };

@@ -667,7 +667,8 @@ fn cameras_say_how_wide_their_picture_is() {
     assert_eq!(scene.default_size(Some(&scene.cameras[0])), [100, 50]);
 }
 
-/// Half of each of two joints: one stays, one turns by 90 degrees about x and goes up by 1. The node's own place says nothing.
+/// Half of each of two joints: one stays, one turns by 90 degrees about x and goes up by 1. The node's own place says
+/// nothing.
 #[test]
 fn skins_blend_their_joints() {
     let mut gltf = Gltf::square();

@@ -129,8 +129,8 @@ fn the_device_and_its_twin() {
     }
 }
 
-/// Light that a mirror throws onto a floor, beside the path tracer, in every form of the operator; without the cells it is
-/// missing.
+/// Light that a mirror throws onto a floor, beside the path tracer, in every form of the operator; without the cells it
+/// is missing.
 #[test]
 fn what_mirrors_throw() {
     let gpu = gpu();

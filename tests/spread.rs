@@ -106,7 +106,8 @@ fn larger_pictures_get_the_light_of_the_same_surfaces() {
 fn larger_pictures_read_only_what_is_written() {
     let mut build = Build::default();
     let white = build.material(lambert(Vec3::splat(0.7)));
-    // Two walls of a corner light each other; a board in front of them, to the right, faces the camera and nothing else.
+    // Two walls of a corner light each other; a board in front of them, to the right, faces the camera and nothing
+    // else.
     build.quad(DVec3::new(-1.0, 0.0, -3.0), DVec3::X * 0.8, DVec3::Y, white);
     build.quad(DVec3::new(-1.8, 0.0, -2.0), -DVec3::Z, DVec3::Y, white);
     build.quad(DVec3::new(1.0, 0.0, -1.0), DVec3::X * 0.8, DVec3::Y * 0.8, white);

@@ -127,8 +127,8 @@ fn checker(side: usize, values: [u8; 2]) -> Texture {
     Texture::new("checker".into(), side, side, (0..side * side).map(texel).collect(), Encoding::Linear)
 }
 
-/// All walls glow alike and reflect 0.2 or 0.8 in squares: of light from everywhere each point reflects its own albedo, and all
-/// of them together the mean: indirect light is albedo e / (1 - mean).
+/// All walls glow alike and reflect 0.2 or 0.8 in squares: of light from everywhere each point reflects its own albedo,
+/// and all of them together the mean: indirect light is albedo e / (1 - mean).
 #[test]
 fn a_furnace_with_checkered_walls() {
     let mut build = Build::default();
@@ -150,8 +150,8 @@ fn a_furnace_with_checkered_walls() {
     for (&i, radiance) in all.iter().zip(got) {
         let albedo = framebuffer.brdfs[framebuffer.samples[i as usize].brdf as usize].diffuse.x;
         let ratio = f64::from(radiance.x / albedo);
-        // Gather samples hold the mean of some of their squares, a ray reads a few of these; in the edge between two walls all
-        // rays read the same.
+        // Gather samples hold the mean of some of their squares, a ray reads a few of these; in the edge between two
+        // walls all rays read the same.
         let mut heights = framebuffer.samples[i as usize].position.abs().to_array();
         heights.sort_by(f32::total_cmp);
         let tolerance = if heights[2] - heights[1] < 0.01 { 0.1 } else { 0.03 };
@@ -220,7 +220,8 @@ fn a_roughness_map_of_two_values_is_two_materials() {
     assert_near(mapped, two, 0.01, "mean of indirect light");
 }
 
-/// A mirror floor whose normal map leans everywhere the same way: what it shows and throws on is what the path tracer finds.
+/// A mirror floor whose normal map leans everywhere the same way: what it shows and throws on is what the path tracer
+/// finds.
 #[test]
 fn a_normal_mapped_mirror_floor() {
     let mut build = Build::default();

@@ -61,7 +61,8 @@ impl Stage {
     }
 }
 
-/// rel_rmse without the worst 0.1 % of pixels (seams), rel_rmse and bias, against two noisy halves: free of their noise.
+/// rel_rmse without the worst 0.1 % of pixels (seams), rel_rmse and bias, against two noisy halves: free of their
+/// noise.
 fn errors(got: &[DVec3], a: &[DVec3], b: &[DVec3]) -> [f64; 3] {
     let product = |x: DVec3, y: DVec3| (x * y).element_sum();
     let mut pixels: Vec<(f64, f64)> =
@@ -384,8 +385,8 @@ fn closed_rooms_keep_all_energy() {
     }
 }
 
-/// On open ground between mirror balls few rays meet anything, and many of those through a mirror: what balances one kind must
-/// not multiply the other. No surface there reflects more than 0.8.
+/// On open ground between mirror balls few rays meet anything, and many of those through a mirror: what balances one
+/// kind must not multiply the other. No surface there reflects more than 0.8.
 #[test]
 fn light_among_mirrors_does_not_grow() {
     let stage = Stage::load(&Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/balls-2.glb"), 16);

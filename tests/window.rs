@@ -130,7 +130,8 @@ fn a_script_plays_the_same_every_time_and_rest_costs_nothing() {
         window.ends_silently();
         poses.push(Rig::load(Path::new(&rig)).unwrap());
         let stats: serde_json::Value = serde_json::from_slice(&std::fs::read(&stats).unwrap()).unwrap();
-        // The first picture, four edits (one frame may take several), saving, and some for the panel's going: not one a sixtieth of a second.
+        // The first picture, four edits (one frame may take several), saving, and some for the panel's going: not one a
+        // sixtieth of a second.
         let frames = stats["view"]["frames"].as_u64().unwrap();
         assert!(frames < 40, "{frames} frames in three seconds of rest");
         assert!(stats["view"]["relit_frames"].as_u64().unwrap() >= 2, "{stats}");

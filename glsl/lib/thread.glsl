@@ -1,5 +1,5 @@
-// Linear indices of workgroup and thread, where a dispatch is a grid with rows of MAX_COLUMNS workgroups. Where it has a
-// workgroup for each tile of a picture (`Pass::dispatch_tiles`), only `tile_pixel` is right.
+// Linear indices of workgroup and thread, where a dispatch is a grid with rows of MAX_COLUMNS workgroups. Where it has
+// a workgroup for each tile of a picture (`Pass::dispatch_tiles`), only `tile_pixel` is right.
 
 layout(local_size_x = GROUP_SIZE) in;
 

@@ -21,26 +21,26 @@ pub struct Args {
     /// Scene: a .glb, .gltf or .obj file.
     #[arg(required_unless_present_any = ["list", "prune"])]
     scene: Option<PathBuf>,
-    /// Rig file, or USD file, whose lights replace those of the scene. They matter only if they have a dome, and with --samples, which
-    /// smooths the edges of their shadows.
+    /// Rig file, or USD file, whose lights replace those of the scene. They matter only if they have a dome, and with
+    /// --samples, which smooths the edges of their shadows.
     #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
-    /// Measures the error of the transfer: a tenth of its rows are calculated again with eight times as many rays, under 20
-    /// point lights and 20 spots.
+    /// Measures the error of the transfer: a tenth of its rows are calculated again with eight times as many rays,
+    /// under 20 point lights and 20 spots.
     #[arg(long)]
     verify: bool,
     /// Makes what all parts of the bake need, and keeps it in the cache. Parts that find it there do not make it again.
     #[arg(long, conflicts_with_all = ["verify", "part", "join"])]
     shared: bool,
-    /// Bakes one of N parts, with a number I from 1 to N, and prints the name of its file. Parts can be baked at the same
-    /// time, on this machine or on others.
+    /// Bakes one of N parts, with a number I from 1 to N, and prints the name of its file. Parts can be baked at the
+    /// same time, on this machine or on others.
     #[arg(long, value_name = "I/N", conflicts_with_all = ["verify", "join"])]
     part: Option<Part>,
     /// File of the part [default: a file in the cache].
     #[arg(short, long, value_name = "PART", requires = "part")]
     output: Option<PathBuf>,
-    /// Makes the bake from its parts: these files, or all parts in the cache. It has the same bytes as if it was baked at
-    /// once.
+    /// Makes the bake from its parts: these files, or all parts in the cache. It has the same bytes as if it was baked
+    /// at once.
     #[arg(long, value_name = "PART", num_args = 0..)]
     join: Option<Vec<PathBuf>>,
     #[command(flatten)]

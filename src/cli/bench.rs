@@ -24,8 +24,8 @@ pub struct Args {
     /// Scenes, measured one after the other: .glb, .gltf or .obj files.
     #[arg(required = true, value_name = "SCENE")]
     scenes: Vec<PathBuf>,
-    /// Numbers of lights, separated by commas; everything is measured with each of them. Lights beyond those of the scene are
-    /// placed by the seed [default: the lights of the scene].
+    /// Numbers of lights, separated by commas; everything is measured with each of them. Lights beyond those of the
+    /// scene are placed by the seed [default: the lights of the scene].
     #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = parse_light_count)]
     lights: Vec<usize>,
     /// Frames to measure for each edit. A fifth as many run before them as a warm-up.
@@ -334,8 +334,8 @@ fn shown(args: &Args, relighter: &mut Relighter) -> Result<Request> {
     Ok(Request { exposure, tone_map: options.tone_map(options.config()?.as_ref())?, ..Request::default() })
 }
 
-/// Where --stats and --trace of each scene go: {scene} in their names is replaced by its name. Two scenes for one file are an
-/// error.
+/// Where --stats and --trace of each scene go: {scene} in their names is replaced by its name. Two scenes for one file
+/// are an error.
 fn files_of_scenes(args: &Args) -> Result<Vec<RecordOptions>> {
     let filled = |template: &Option<PathBuf>, scene: &Path| {
         let name = scene.file_stem().unwrap_or_default().to_string_lossy();

@@ -24,8 +24,8 @@ pub struct Args {
     /// Second reference, with independent noise. With it, the errors are free of the noise of both references.
     reference_b: Option<PathBuf>,
 
-    /// Layer to compare [default: `beauty`, the layer without a name]. If a reference has only a layer without a name, that one
-    /// is compared.
+    /// Layer to compare [default: `beauty`, the layer without a name]. If a reference has only a layer without a name,
+    /// that one is compared.
     #[arg(long, value_name = "NAME", default_value = "", hide_default_value = true)]
     layer: String,
 
@@ -45,7 +45,8 @@ pub struct Args {
     #[arg(long, value_name = "OUT.png")]
     diff: Option<PathBuf>,
 
-    /// Writes an image of the difference in false colours, with a legend. The brightest colour is a difference of 1 / --scale.
+    /// Writes an image of the difference in false colours, with a legend. The brightest colour is a difference of 1 /
+    /// --scale.
     #[arg(long, value_name = "OUT.png")]
     false_color: Option<PathBuf>,
 

@@ -29,8 +29,8 @@ pub struct Args {
     /// Parts of each bake.
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..=MAX_PARTS as i64))]
     parts: u16,
-    /// Adds a step that compares settings for each shot with `relume report`, under the first rig. quick: small pictures,
-    /// minutes a shot; full: hours.
+    /// Adds a step that compares settings for each shot with `relume report`, under the first rig. quick: small
+    /// pictures, minutes a shot; full: hours.
     #[arg(long, value_enum, value_name = "quick|full", hide_possible_values = true)]
     report: Option<Report>,
     /// Processors that each task asks the farm for, and uses.

@@ -15,8 +15,8 @@ use super::progress;
 
 #[derive(clap::Args, Clone)]
 pub struct FinalOptions {
-    /// Gathers indirect light anew for the lights of the rig, until the expected error of a pixel, relative to the mean of
-    /// the picture, is at most this: a fraction, or percent with %.
+    /// Gathers indirect light anew for the lights of the rig, until the expected error of a pixel, relative to the mean
+    /// of the picture, is at most this: a fraction, or percent with %.
     #[arg(id = "final", long, value_name = "ERROR", value_parser = parse_error)]
     error: Option<f64>,
     /// The same for this time in seconds; with --final, for at most so long. It takes two passes at least.

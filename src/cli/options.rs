@@ -81,8 +81,8 @@ pub struct SceneOptions {
 #[derive(clap::Args, Clone)]
 #[command(next_help_heading = "Light and picture")]
 pub struct ShadowOptions {
-    /// How shadows are found. map: shadow maps with percentage-closer filtering. traced: exact rays on the CPU. auto: the
-    /// faster one, measured once on each device; traced if a material blends.
+    /// How shadows are found. map: shadow maps with percentage-closer filtering. traced: exact rays on the CPU. auto:
+    /// the faster one, measured once on each device; traced if a material blends.
     #[arg(long, value_enum, value_name = "METHOD", default_value = "auto", hide_possible_values = true)]
     pub visibility: Visibility,
     /// Width and height of a shadow map in texels.
@@ -99,7 +99,8 @@ pub struct DeviceOptions {
     #[arg(long, value_name = "NAME|INDEX")]
     pub device: Option<String>,
     /// Device memory for light images and for the transfer, like 2000000000, 500M or 2G [default: three quarters of the
-    /// device's memory]. With a smaller budget the picture is the same, but slower. Without a GPU the transfer takes none.
+    /// device's memory]. With a smaller budget the picture is the same, but slower. Without a GPU the transfer takes
+    /// none.
     #[arg(long, value_name = "BYTES", value_parser = parse_bytes)]
     pub budget: Option<u64>,
 }

@@ -45,8 +45,8 @@ pub struct Args {
     /// Time in seconds; takes as many samples as it allows. Replaces --spp.
     #[arg(long, value_name = "S", conflicts_with = "spp", value_parser = parse_seconds)]
     seconds: Option<f64>,
-    /// Indirect bounces, counted at the pixel: 0 is direct light alone, 1 is light, surface, pixel, inf is all. Reflections in
-    /// perfect mirrors do not count.
+    /// Indirect bounces, counted at the pixel: 0 is direct light alone, 1 is light, surface, pixel, inf is all.
+    /// Reflections in perfect mirrors do not count.
     #[arg(long, value_name = "N|inf", default_value = "inf", value_parser = parse_bounces)]
     max_bounces: Bounces,
     /// Where rays go through a pixel. centre: through its centre, as in the deep framebuffer. box: anywhere in it.

@@ -28,13 +28,14 @@ pub struct Args {
     /// pass, {camera} for the name of the camera.
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
-    /// Rig file, or USD file, whose lights replace those of the scene. Give --rig several times to write several images.
+    /// Rig file, or USD file, whose lights replace those of the scene. Give --rig several times to write several
+    /// images.
     #[arg(long, value_name = "FILE")]
     rig: Vec<PathBuf>,
     /// Passes to write, separated by commas: beauty, direct, reflection, indirect, indirect_glossy, emission,
-    /// expected_error (with --final), light:NAME; or all. For EXR files also parts: direct and indirect light, diffuse and
-    /// specular, of each light; depth, normal, position, albedo; cryptomatte. One EXR file holds them as layers. If the
-    /// name of the image has {pass}, each pass gets its own file.
+    /// expected_error (with --final), light:NAME; or all. For EXR files also parts: direct and indirect light, diffuse
+    /// and specular, of each light; depth, normal, position, albedo; cryptomatte. One EXR file holds them as layers. If
+    /// the name of the image has {pass}, each pass gets its own file.
     #[arg(long, value_name = "LIST", default_value = "beauty", value_parser = output::parse_passes)]
     passes: Passes,
     /// Writes the colours of EXR files with 16 bits a channel. Depth, normals, positions and mattes keep 32.

@@ -18,8 +18,8 @@ pub struct Strange {
     pub negative: usize,
 }
 
-/// What `--stats` tells of a session and its first picture, all lights new, whose passes are `frame`. What is not computed is
-/// null.
+/// What `--stats` tells of a session and its first picture, all lights new, whose passes are `frame`. What is not
+/// computed is null.
 pub fn figures(session: &Session, relighter: &Relighter, frame: &[PassTime], strange: Option<&Strange>) -> Value {
     let context = relighter.context();
     let memory: Vec<Value> =

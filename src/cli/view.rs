@@ -20,8 +20,8 @@ use super::stats;
 pub struct Args {
     /// Scene: a .glb, .gltf or .obj file.
     scene: PathBuf,
-    /// Rig file, or USD file, whose lights replace those of the scene. Saving in the window writes a rig file back. Without --rig, the
-    /// window asks for a file name when you save.
+    /// Rig file, or USD file, whose lights replace those of the scene. Saving in the window writes a rig file back.
+    /// Without --rig, the window asks for a file name when you save.
     #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
     /// Plays keyboard and mouse events from this file. Each line has a time in seconds and an event: `0.5 key Ctrl+Z`,
@@ -44,9 +44,9 @@ pub struct Args {
     /// coarser pictures during the drag, and the exact picture after it. 0: never coarser.
     #[arg(long, value_name = "MS", default_value_t = 33.0, value_parser = parse_budget)]
     frame_budget: f64,
-    /// Once the lights rest, gathers their indirect light anew until the expected error of a pixel, relative to the mean of
-    /// the picture, is at most this: a fraction, or percent with %. off: never. Never with --bounces, --gi diffuse or --method
-    /// thesis, because it gathers glossy light of all bounces.
+    /// Once the lights rest, gathers their indirect light anew until the expected error of a pixel, relative to the
+    /// mean of the picture, is at most this: a fraction, or percent with %. off: never. Never with --bounces, --gi
+    /// diffuse or --method thesis, because it gathers glossy light of all bounces.
     #[arg(id = "final", long, value_name = "ERROR", default_value = "1%", value_parser = parse_at_rest)]
     final_error: AtRest,
     #[command(flatten)]

@@ -31,8 +31,8 @@ impl Desk {
         }
     }
 
-    /// Gives the selected lights a file that the user dropped and that is no map: an IES profile by its extension, else a
-    /// gobo.
+    /// Gives the selected lights a file that the user dropped and that is no map: an IES profile by its extension, else
+    /// a gobo.
     pub fn attach(&mut self, path: &Path) {
         let name = path.to_string_lossy();
         if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("ies")) {

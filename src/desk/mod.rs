@@ -89,8 +89,8 @@ impl Desk {
         desk
     }
 
-    /// The lights as they stand in `scene`, which was loaded again, with `own` lights in its file. Emitters are those of
-    /// the scene. An error names the light whose links name what is not there any more.
+    /// The lights as they stand in `scene`, which was loaded again, with `own` lights in its file. Emitters are those
+    /// of the scene. An error names the light whose links name what is not there any more.
     pub fn rig_in(&self, scene: &Scene, own: &Rig) -> Result<Rig, String> {
         let emitters = Emitters::of(scene);
         let mut rig = self.base.clone();
@@ -267,8 +267,8 @@ impl Desk {
         self.history.end_gesture();
     }
 
-    /// Replaces the lights by those of `rig`, updates followers and applies [`SizeKeeps`]. Refused with a message if a rig file cannot store
-    /// them.
+    /// Replaces the lights by those of `rig`, updates followers and applies [`SizeKeeps`]. Refused with a message if a
+    /// rig file cannot store them.
     fn commit(&mut self, rig: Rig) {
         self.commit_as(rig, self.selection.clone(), None);
     }
@@ -317,8 +317,8 @@ impl Desk {
         self.version += 1;
     }
 
-    /// Replaces the lights by those of another program, as an edit. Followers of changed lights change with them. Lights
-    /// stay selected by their names. An error tells what no rig file could store.
+    /// Replaces the lights by those of another program, as an edit. Followers of changed lights change with them.
+    /// Lights stay selected by their names. An error tells what no rig file could store.
     pub fn take_rig(&mut self, mut rig: Rig) -> Result<(), String> {
         check::check(&self.rig, &rig)?;
         apply_change::update_followers(&self.rig, &mut rig);

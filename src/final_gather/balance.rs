@@ -33,8 +33,8 @@ impl Found {
         1.0 - (self.chance + self.by_lobe) / self.all()
     }
 
-    /// Reflected light with the `weight` of its parts, if a lobe goes on with a probability, times the solid angle that a
-    /// point of the source stands for.
+    /// Reflected light with the `weight` of its parts, if a lobe goes on with a probability, times the solid angle that
+    /// a point of the source stands for.
     pub fn reflected(self, at: Reflected, goes_on: f64, weight: fn(Self) -> f64) -> DVec3 {
         let specular = Self { by_lobe: goes_on * at.density, ..self };
         at.diffuse * weight(self) + at.specular * weight(specular)

@@ -1,8 +1,9 @@
 //! Two estimates of one picture, one without noise but biased, one noisy but right in the mean, combined so that the
 //! expected squared error is least [James 1961].
 //!
-//! Bias is smooth and noise is not. So the difference is split by Haar wavelets, and each size is shrunk according to its
-//! noise. Pixels that are black in all estimates, as where no surface is seen, take no part: nothing is added to them.
+//! Bias is smooth and noise is not. So the difference is split by Haar wavelets, and each size is shrunk according to
+//! its noise. Pixels that are black in all estimates, as where no surface is seen, take no part: nothing is added to
+//! them.
 
 use glam::Vec3;
 
@@ -20,7 +21,8 @@ pub struct Combination {
 /// Blocks of one size.
 struct Level {
     size: [usize; 2],
-    /// By parent: share of a block's difference from its parent that is kept. At the last level: by block, of all of it.
+    /// By parent: share of a block's difference from its parent that is kept. At the last level: by block, of all of
+    /// it.
     shares: Vec<f32>,
     /// By parent or block: expected squared error of what is kept.
     errors2: Vec<f64>,
@@ -168,8 +170,8 @@ fn around(squares: &[[f64; 3]], size: [usize; 2], owner: usize) -> [f64; 3] {
     sum
 }
 
-/// Share that is kept, and the expected squared error: from sums of squares, of those by noise, and their number. `held`:
-/// what the excess over noise is multiplied by.
+/// Share that is kept, and the expected squared error: from sums of squares, of those by noise, and their number.
+/// `held`: what the excess over noise is multiplied by.
 fn kept(&[all, noise, count]: &[f64; 3], held: f64) -> (f32, f64) {
     let count = count.max(1.0);
     // Where there is nothing but noise, sums of few squares differ by chance. Channels mostly have the same noise.

@@ -4,10 +4,12 @@
 //! balance heuristic weighs what is found [Veach 1995, Eq. 14]:
 //!
 //! - Rays from the view samples. Where they hit, a source is chosen by what the cache knows, and a shadow ray decides.
-//! - Points where photons landed, or that emit light, chosen by what they could send; shadow rays connect them to all 64.
+//! - Points where photons landed, or that emit light, chosen by what they could send; shadow rays connect them to all
+//!   64.
 //!
-//! Light that was reflected before is read from the cache where the rays hit; specular lobes there send the rays on. Light
-//! of small sources that perfect mirrors throw on the view samples is the density of photons around them [Jensen 1996].
+//! Light that was reflected before is read from the cache where the rays hit; specular lobes there send the rays on.
+//! Light of small sources that perfect mirrors throw on the view samples is the density of photons around them [Jensen
+//! 1996].
 
 use glam::{DVec3, Vec3};
 
@@ -475,8 +477,8 @@ impl<R: Fn(u32) -> [f64; 4]> Walk<'_, R> {
         }
     }
 
-    /// Light of emitters that the specular lobe of the last surface found, and points on emitters could have. `by_distance`:
-    /// cosine of the direction at the emitter over squared distance.
+    /// Light of emitters that the specular lobe of the last surface found, and points on emitters could have.
+    /// `by_distance`: cosine of the direction at the emitter over squared distance.
     fn emission_by_lobe(
         &mut self,
         surface: &SurfacePoint,

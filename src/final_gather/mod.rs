@@ -99,8 +99,9 @@ const MOST_CELLS: usize = 1 << 22;
 const FOCUS: f64 = 0.9;
 
 impl<'a> FinalGather<'a> {
-    /// Light of the `wanted` lights that are not off, by index in the complete rig. `others`: passes of other gathers that
-    /// the estimate will be joined with. Panics if links of a light name what the scene lacks: see [`Rig::resolve_links`].
+    /// Light of the `wanted` lights that are not off, by index in the complete rig. `others`: passes of other gathers
+    /// that the estimate will be joined with. Panics if links of a light name what the scene lacks: see
+    /// [`Rig::resolve_links`].
     pub fn new(
         scene: &'a TracedScene,
         framebuffer: &'a DeepFramebuffer,
@@ -130,8 +131,8 @@ impl<'a> FinalGather<'a> {
         }
     }
 
-    /// Prepares cells as small as the number of passes allows, so that their bias vanishes with time. Returns whether there
-    /// are any: not if `stop` returns true.
+    /// Prepares cells as small as the number of passes allows, so that their bias vanishes with time. Returns whether
+    /// there are any: not if `stop` returns true.
     fn prepare(&mut self, stop: &(dyn Fn() -> bool + Sync)) -> bool {
         // A halving takes 4 times the photons to fill the cells.
         let wanted = (self.others.saturating_add(self.passes).max(1).ilog2() / 2).min(MOST_HALVINGS);
@@ -295,8 +296,8 @@ impl<'a> FinalGather<'a> {
         Estimate { halves, rays, passes: self.passes }
     }
 
-    /// Indirect radiance of the pixels in one half of the passes, row by row, from the source that is number `source` of
-    /// [`Self::lights`], at unit strength.
+    /// Indirect radiance of the pixels in one half of the passes, row by row, from the source that is number `source`
+    /// of [`Self::lights`], at unit strength.
     pub fn image(&self, half: usize, source: usize) -> Vec<Vec3> {
         let of_chunk = |chunk: &Chunk| {
             let first = (half * self.sources.len() + source) * PACKET_SIZE;
@@ -320,8 +321,8 @@ impl<'a> FinalGather<'a> {
     }
 }
 
-/// Width of a strip of the picture, if `count` of them make up its height, in mesh space: fixed, and by distance from the
-/// eye.
+/// Width of a strip of the picture, if `count` of them make up its height, in mesh space: fixed, and by distance from
+/// the eye.
 fn width_of_strip(camera: &Camera, scene: &TracedScene, count: f64) -> [f64; 2] {
     match camera.projection {
         Projection::Perspective { yfov } => [0.0, 2.0 * (yfov / 2.0).tan() / count],

@@ -92,8 +92,8 @@ const TASK: u32 = 1024;
 const TO_MIRRORS: u32 = 2;
 /// Bounces after which only a share of the photons goes on.
 const FREE_BOUNCES: u32 = 8;
-/// Growth of a photon's power at which it ends: where surfaces reflect more light than they receive there is no answer, but
-/// a number.
+/// Growth of a photon's power at which it ends: where surfaces reflect more light than they receive there is no answer,
+/// but a number.
 const MAX_GROWTH: f64 = 100.0;
 /// Largest ratio of cosines at the shading and at the geometric normal.
 pub const MAX_TILT: f64 = 4.0;
@@ -109,8 +109,8 @@ impl Photons {
         self.landings.iter().filter(|landing| !landing.is_direct)
     }
 
-    /// `counts[i]` photons of source i, which are numbers `first[i]` and up in its sequence, and some more towards mirrors.
-    /// The share `further` of them goes on after some bounces. Finds less if `stop` returns true.
+    /// `counts[i]` photons of source i, which are numbers `first[i]` and up in its sequence, and some more towards
+    /// mirrors. The share `further` of them goes on after some bounces. Finds less if `stop` returns true.
     pub fn trace(
         surfaces: Surfaces,
         sources: &[Source],

@@ -42,8 +42,8 @@ impl Estimate {
 }
 
 impl Refined {
-    /// From pictures of `width` pixels a row. Of each light: its scale in the picture, its indirect light by the operator
-    /// at unit strength, and by final gathering.
+    /// From pictures of `width` pixels a row. Of each light: its scale in the picture, its indirect light by the
+    /// operator at unit strength, and by final gathering.
     pub fn new(width: usize, lights: &[(Vec3, &[Vec3], &Estimate)]) -> Self {
         let count = lights.first().map_or(0, |(_, operator, _)| operator.len());
         let [mut biased, mut a, mut b] = [(); 3].map(|()| vec![Vec3::ZERO; count]);

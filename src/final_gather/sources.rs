@@ -79,8 +79,8 @@ pub struct Emission {
 }
 
 impl Source {
-    /// The `wanted` lights of a complete rig whose strength is not zero, by index. Panics if links name what the scene lacks: see
-    /// [`Rig::resolve_links`].
+    /// The `wanted` lights of a complete rig whose strength is not zero, by index. Panics if links name what the scene
+    /// lacks: see [`Rig::resolve_links`].
     pub fn of(scene: &TracedScene, rig: &Rig, wanted: impl Fn(usize) -> bool) -> Vec<Self> {
         let rig = &*rig.with_solo_applied();
         let mut links = rig.resolve_links(scene).unwrap_or_else(|reason| panic!("{reason}"));

@@ -62,14 +62,14 @@ const LEAST_LANDINGS: f64 = 4.0;
 const PILOT_LEVEL: u32 = 5;
 /// Surface in a cube that covers more than a face of it lies in layers, of which one may hide another.
 const ONE_LAYER: f64 = 1.01;
-/// A gap between two layers that is narrower than this share of a cube, and has surface on all sides within the other, gets
-/// no light.
+/// A gap between two layers that is narrower than this share of a cube, and has surface on all sides within the other,
+/// gets no light.
 const NARROW: [f32; 2] = [0.5, 2.0];
 const EMPTY: u64 = u64::MAX;
 
 impl SurfaceCells {
-    /// Cells of which each has a 2^-`halvings`th of the width; `None` if `stop` returns true. It gets a number of cells that
-    /// there may be.
+    /// Cells of which each has a 2^-`halvings`th of the width; `None` if `stop` returns true. It gets a number of cells
+    /// that there may be.
     pub fn new(
         scene: &TracedScene,
         camera: &Camera,
@@ -152,8 +152,8 @@ impl SurfaceCells {
         Some(cells)
     }
 
-    /// Joins cells that are too small for photons to tell their light with larger ones beside them. `landed`: cells of pilot
-    /// photons, of which there will be `ratio` times as many. Returns the new cell of each.
+    /// Joins cells that are too small for photons to tell their light with larger ones beside them. `landed`: cells of
+    /// pilot photons, of which there will be `ratio` times as many. Returns the new cell of each.
     pub fn join(&mut self, landed: impl Iterator<Item = u32>, ratio: f64) -> Vec<u32> {
         let mut areas: Vec<f64> = self.areas.iter().copied().map(f64::from).collect();
         let mut into: Vec<u32> = (0..areas.len() as u32).collect();

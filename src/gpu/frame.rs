@@ -212,8 +212,8 @@ impl Frames {
         Ok(())
     }
 
-    /// Submits the recorded commands, presents on `surface` if anything was drawn for it, and waits for all of it. Returns
-    /// whether that was presented.
+    /// Submits the recorded commands, presents on `surface` if anything was drawn for it, and waits for all of it.
+    /// Returns whether that was presented.
     fn submit(&mut self, surface: Option<&mut Surface>) -> Result<Result<()>> {
         let host = vk::AccessFlags2::HOST_READ | vk::AccessFlags2::HOST_WRITE;
         self.barrier(STAGES, vk::AccessFlags2::MEMORY_WRITE, vk::PipelineStageFlags2::HOST, host);
@@ -578,9 +578,10 @@ impl HostPass<'_> {
     #[allow(clippy::mut_from_ref, reason = "each buffer is lent once")]
     pub fn write<'p, T: Glsl>(&'p self, buffer: &'p Buffer<T>) -> &'p mut [f32] {
         let (start, count) = self.borrow(buffer, Touch::Write);
-        // SAFETY: the memory is mapped as long as the buffer lives, and all bits are floats. Nobody else has a slice of it:
-        // `host` and `host_mut` refuse buffers of the device, and `borrow` a second one until this pass ends. No kernel
-        // accesses it: frames waited for those before this pass, and buffers are passed to no other frame meanwhile.
+        // SAFETY: the memory is mapped as long as the buffer lives, and all bits are floats. Nobody else has a slice of
+        // it: `host` and `host_mut` refuse buffers of the device, and `borrow` a second one until this pass ends. No
+        // kernel accesses it: frames waited for those before this pass, and buffers are passed to no other frame
+        // meanwhile.
         unsafe { std::slice::from_raw_parts_mut(start.as_ptr(), count) }
     }
 

@@ -95,8 +95,8 @@ impl<T: Glsl> Buffer<T> {
 
 impl SharedFloat {
     pub fn of(floats: &mut [f32]) -> &[Self] {
-        // SAFETY: both types have the size and alignment of `u32`, and all their bits are valid. While the slice returned
-        // lives, nobody else has access.
+        // SAFETY: both types have the size and alignment of `u32`, and all their bits are valid. While the slice
+        // returned lives, nobody else has access.
         unsafe { std::slice::from_raw_parts(floats.as_mut_ptr().cast(), floats.len()) }
     }
 
@@ -156,8 +156,8 @@ impl RawBuffer {
         self.allocation.as_ref().filter(|_| self.access != Access::Device)?.mapped_slice()
     }
 
-    /// Start of the memory of a buffer that the host does not access otherwise. Panics for other buffers, and where device
-    /// memory is not mapped.
+    /// Start of the memory of a buffer that the host does not access otherwise. Panics for other buffers, and where
+    /// device memory is not mapped.
     pub fn mapped_floats(&self) -> NonNull<f32> {
         assert!(self.access == Access::Device, "the host accesses {} by itself", self.name);
         let allocation = self.allocation.as_ref().expect("held until dropped");

@@ -39,8 +39,8 @@ static DEVICE: Mutex<Option<ash::DeviceFnV1_0>> = Mutex::new(None);
 /// Bytes of each allocation on the device's heap.
 static HELD: Mutex<Option<HashMap<DeviceMemory, u64>>> = Mutex::new(None);
 
-/// If RELUME_LIMITS is set, `instance` and the devices created from it use our functions. Earlier instances, and devices
-/// of another driver, may not be used any more.
+/// If RELUME_LIMITS is set, `instance` and the devices created from it use our functions. Earlier instances, and
+/// devices of another driver, may not be used any more.
 pub(super) fn install(instance: &mut ash::Instance) -> Result<()> {
     let Some(wanted) = std::env::var_os("RELUME_LIMITS") else { return Ok(()) };
     let wanted = wanted.to_string_lossy();

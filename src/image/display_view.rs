@@ -1,5 +1,5 @@
-//! Views of OpenColorIO configurations: from scene-linear Rec. 709 to the values of a display. They are evaluated by the
-//! crate `ocio`, a port of the library to Rust.
+//! Views of OpenColorIO configurations: from scene-linear Rec. 709 to the values of a display. They are evaluated by
+//! the crate `ocio`, a port of the library to Rust.
 
 use std::fmt;
 use std::path::Path;
@@ -34,8 +34,8 @@ pub struct DisplayView {
 }
 
 impl DisplayConfig {
-    /// Reads a configuration: a file (.ocio or .ocioz), or a built-in one by its URI, such as `ocio://default`. Fails if
-    /// there is no such configuration, or it is malformed.
+    /// Reads a configuration: a file (.ocio or .ocioz), or a built-in one by its URI, such as `ocio://default`. Fails
+    /// if there is no such configuration, or it is malformed.
     pub fn load(name: &str) -> Result<Self> {
         let path = Path::new(name);
         if !name.starts_with("ocio://") {
@@ -58,8 +58,8 @@ impl DisplayConfig {
     }
 
     /// The view of a display; `None` is the configuration's default display, and the display's default view. Fails if
-    /// there is none of that name, a file of it cannot be read, or the configuration does not tell how its colours relate
-    /// to Rec. 709.
+    /// there is none of that name, a file of it cannot be read, or the configuration does not tell how its colours
+    /// relate to Rec. 709.
     pub fn view(&self, display: Option<&str>, view: Option<&str>) -> Result<DisplayView> {
         let display = self.chosen("display", display, &self.displays())?;
         let view = self.chosen("view", view, &self.views(&display))?;
@@ -110,7 +110,8 @@ fn warned<T>(work: impl FnOnce() -> T) -> T {
 }
 
 impl DisplayView {
-    /// Transforms exposed scene-linear Rec. 709, in place, to values of the display; those that it can show are in [0, 1].
+    /// Transforms exposed scene-linear Rec. 709, in place, to values of the display; those that it can show are in [0,
+    /// 1].
     pub fn apply(&self, pixels: &mut [[f32; 3]]) {
         pixels.par_chunks_mut(CHUNK_PIXELS).for_each(|chunk| self.processor.apply_rgb_slice(chunk.as_flattened_mut()));
     }

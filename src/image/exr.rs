@@ -1,7 +1,7 @@
 //! EXR files: writes layers and data channels, reads any flat RGB or grey layers.
 //!
-//! One part holds every channel, or each layer has a part. Channels are named `R` or `direct.R` in both, as other programs
-//! show them; the `exr` crate's own layers would lose their prefix.
+//! One part holds every channel, or each layer has a part. Channels are named `R` or `direct.R` in both, as other
+//! programs show them; the `exr` crate's own layers would lose their prefix.
 
 use std::io::Cursor;
 use std::path::Path;

@@ -26,9 +26,10 @@ const MAX_BYTES: u64 = 8 << 30;
 
 /// Reads every RGB layer (half, float or uint; `NAME.R` channels, parts, or grey `Y`), in file order.
 ///
-/// Colours of other primaries become those of Rec. 709 [RP 177-1993]. Other channels (alpha, depth) are skipped. The image is the display window; a larger data window is cropped, and
-/// pixels without data are black. In a file of several parts, plain `R`, `G`, `B` are the layer named like the part,
-/// except that `beauty` and `rgba` are the unnamed layer.
+/// Colours of other primaries become those of Rec. 709 [RP 177-1993]. Other channels (alpha, depth) are skipped. The
+/// image is the display window; a larger data window is cropped, and pixels without data are black. In a file of
+/// several parts, plain `R`, `G`, `B` are the layer named like the part, except that `beauty` and `rgba` are the
+/// unnamed layer.
 pub fn read(path: &Path) -> Result<Image> {
     let malformed = |cause: ExrError| match cause {
         ExrError::Io(cause) => Error::io("read", path)(cause),

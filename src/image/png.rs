@@ -27,7 +27,8 @@ pub fn write<const CHANNELS: usize>(path: &Path, width: usize, height: usize, pi
     write_encoded(path, encode(width, height, pixels))
 }
 
-/// Writes values of a display in [0, 1], rounded to `depth`, atomically; `is_srgb`: whether the file says that they are sRGB.
+/// Writes values of a display in [0, 1], rounded to `depth`, atomically; `is_srgb`: whether the file says that they are
+/// sRGB.
 pub fn write_display(
     path: &Path,
     (width, height): (usize, usize),

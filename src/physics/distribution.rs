@@ -64,8 +64,8 @@ impl GridDistribution {
         [self.rows[y] + within_row * (self.rows[y + 1] - self.rows[y]), before + within_cell * (up_to - before)]
     }
 
-    /// Maps the unit square to itself: each cell of an even grid gets its share of the area. Also returns the density at
-    /// the new place.
+    /// Maps the unit square to itself: each cell of an even grid gets its share of the area. Also returns the density
+    /// at the new place.
     pub fn warp(&self, at: [f64; 2]) -> ([f64; 2], f64) {
         let GridPlace { cell, within } = self.draw(at);
         let along = |axis: usize| (cell[axis] as f64 + within[axis]) / self.size()[axis] as f64;

@@ -1,5 +1,5 @@
-//! Low-discrepancy points for all sampling: Sobol points with Owen scrambling [Burley 2020]; [`SharedPoints`], whose streams
-//! are stratified together; a lattice where their number is known.
+//! Low-discrepancy points for all sampling: Sobol points with Owen scrambling [Burley 2020]; [`SharedPoints`], whose
+//! streams are stratified together; a lattice where their number is known.
 //!
 //! A point depends only on its stream, set and index, so samples are the same for any number of threads. The first n
 //! points of a set are stratified for any n, best at powers of two; sets and streams of [`Points`] are independent.
@@ -27,11 +27,11 @@ impl Points {
     }
 }
 
-/// Three dimensions of a Sobol sequence whose consecutive parts are streams. The points of one stream are stratified. So are
-/// those of 2^k streams together that begin at a multiple of 2^k, if a stream has a power of two of points: the errors of
-/// neighbouring pixels cancel in their mean if they are such streams [Ahmed 2020]. Streams of other lengths begin as far
-/// apart as those of the next power of two. Streams repeat after 2^32 points, that is after 4.2 million pixels with 1,024
-/// points.
+/// Three dimensions of a Sobol sequence whose consecutive parts are streams. The points of one stream are stratified.
+/// So are those of 2^k streams together that begin at a multiple of 2^k, if a stream has a power of two of points: the
+/// errors of neighbouring pixels cancel in their mean if they are such streams [Ahmed 2020]. Streams of other lengths
+/// begin as far apart as those of the next power of two. Streams repeat after 2^32 points, that is after 4.2 million
+/// pixels with 1,024 points.
 ///
 /// The generator matrices are scrambled linearly [Matousek 1998]. So the points of a stream are those of the first one
 /// after a digital shift, and a point costs three additions without carry.
@@ -86,8 +86,8 @@ impl SharedPoints {
         [0, 1, 2].map(|d| self.shift[d] ^ apply(&self.matrices[d], stream << self.digits_of_stream))
     }
 
-    /// A permutation of streams in which those of an aligned group of 2^k stay an aligned group: groups in the order of the
-    /// sequence have similar errors, which would be stripes in a picture [Ahmed 2020].
+    /// A permutation of streams in which those of an aligned group of 2^k stay an aligned group: groups in the order of
+    /// the sequence have similar errors, which would be stripes in a picture [Ahmed 2020].
     fn shuffled(&self, stream: u64) -> u64 {
         let seed = u64::from(self.shift[0]) << 32 | u64::from(self.shift[1]);
         let flip = |digit: u32| (mix(mix(seed ^ u64::from(digit)) ^ stream >> (digit + 1)) & 1) << digit;
@@ -177,8 +177,8 @@ mod tests {
         }
     }
 
-    /// Neighbouring streams are stratified together: one of their points is in each of as many strips of each dimension,
-    /// and in each of as many squares of the first two.
+    /// Neighbouring streams are stratified together: one of their points is in each of as many strips of each
+    /// dimension, and in each of as many squares of the first two.
     #[test]
     fn streams_share_their_strata() {
         let points = SharedPoints::new(7, 64);

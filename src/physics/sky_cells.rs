@@ -1,5 +1,5 @@
-//! Cells of equal solid angle that divide the sky: squares of the equal-area octahedral map [Clarberg 2008], in Z-order, so
-//! that neighbours in the list are neighbours in the sky.
+//! Cells of equal solid angle that divide the sky: squares of the equal-area octahedral map [Clarberg 2008], in
+//! Z-order, so that neighbours in the list are neighbours in the sky.
 
 use std::f64::consts::{FRAC_2_PI, FRAC_PI_4, PI};
 

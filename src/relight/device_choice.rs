@@ -13,8 +13,8 @@ use crate::gpu::{Context, DeviceInfo, Measurements, Validation, list_devices};
 /// How fast a device is.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct DeviceSpeed {
-    /// Milliseconds of the yardstick kernel for half a million samples, from submission to completion by the clock of the
-    /// host: it is the same for all devices.
+    /// Milliseconds of the yardstick kernel for half a million samples, from submission to completion by the clock of
+    /// the host: it is the same for all devices.
     pub yardstick_ms: f64,
     /// Arithmetic rate in GFLOP/s.
     pub fma_gflop_s: f64,

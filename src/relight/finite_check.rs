@@ -1,7 +1,7 @@
 //! Counts infinite and NaN values in the results of passes. A correct pass writes none; nothing is clamped.
 //!
-//! Sums pass on what is not finite, so only the picture is checked until it has such a value. Then it is rendered again,
-//! and the results of all passes are checked.
+//! Sums pass on what is not finite, so only the picture is checked until it has such a value. Then it is rendered
+//! again, and the results of all passes are checked.
 
 use std::sync::Arc;
 

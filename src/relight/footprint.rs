@@ -1,5 +1,5 @@
-//! The device memory that a [`Relighter`](super::Relighter) takes whatever its budget, from counts that are known before
-//! a bake; and whether a device has room for it.
+//! The device memory that a [`Relighter`](super::Relighter) takes whatever its budget, from counts that are known
+//! before a bake; and whether a device has room for it.
 
 use glam::UVec2;
 

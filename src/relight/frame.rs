@@ -11,7 +11,7 @@ use super::sheet::Grid;
 use super::sky_light::SkyTerms;
 use super::visibility;
 use super::{Detail, Picture, Relighter, Request};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::gpu::{Frame, PassTime, Pixels, Screen};
 
 /// The picture that the last frame composites, and where it goes.
@@ -162,7 +162,12 @@ impl Relighter {
                 soft: soft.as_mut(),
                 sky_terms: sky_terms.as_mut(),
             };
-            steps = resources.record_steps(&mut frame, steps, &mut seeing, outputs, output.as_ref())?;
+            let left = resources.record_steps(&mut frame, steps, &mut seeing, outputs, output.as_ref())?;
+            if !left.is_empty() && left.len() == steps.len() {
+                let reason = "it has no room for one light of such a picture: choose a smaller --size";
+                return Err(Error::invalid("the device", reason));
+            }
+            steps = left;
             let is_done = steps.is_empty();
             let mut surface = None;
             if let Some(FinalOutput { picture, inspection, output, screen }) = last.as_mut().filter(|_| is_done) {

@@ -7,8 +7,8 @@
 //! 4. `transfer to pixels` (multiply_blocks.comp): the last matrix. Adds to the images of the lights and to the
 //!    radiance of extra samples. For row wavelets a sparse product (multiply_sparse.comp) takes the place of 3 and 4.
 //!
-//! Where kernels run on the CPU, the Haar transform (haar.rs) and the products of 3 and 4 (host_product.rs) are computed
-//! on the host.
+//! Where kernels run on the CPU, the Haar transform (haar.rs) and the products of 3 and 4 (host_product.rs) are
+//! computed on the host.
 //!
 //! Each pass declares what it accesses by `pass.read` and `pass.write`; [`LightTargets`] does this for the images.
 //! [`Frame`] derives the barriers.

@@ -151,8 +151,9 @@ impl LightCache {
 
     /// Replaces the lights. Images of unmoved lights stay valid. The number of slots never decreases.
     ///
-    /// What changed is found by comparing both rigs: undo, snapshots and scripts give whole rigs, so a list of edits would
-    /// be a second way, and stale images wherever it is incomplete. The comparison takes less time than the copy of the rig.
+    /// What changed is found by comparing both rigs: undo, snapshots and scripts give whole rigs, so a list of edits
+    /// would be a second way, and stale images wherever it is incomplete. The comparison takes less time than the copy
+    /// of the rig.
     pub fn set_rig(&mut self, rig: &Rig, slot_count: usize) {
         self.slots.grow(slot_count);
         let same_tree = self.rig.groups.len() == rig.groups.len()

@@ -35,8 +35,8 @@ impl LightImages {
         self.budget = budget;
     }
 
-    /// Adds images until there are as many as the budget allows for a rig of so many lights and for `more` images; fewer,
-    /// but at least the minimum, if the device has no room.
+    /// Adds images until there are as many as the budget allows for a rig of so many lights and for `more` images;
+    /// fewer, but at least the minimum, if the device has no room.
     pub fn grow(
         &mut self,
         context: &Arc<Context>,

@@ -34,7 +34,8 @@ impl RayCaster {
         Ok(Self { rays: LightRays::new(&transfer.samples, points), kernel: Kernel::new(context, ())? })
     }
 
-    /// Casts the rays of a light, from its points `lights` in turn. `transfer` is the one that was given to [`Self::new`].
+    /// Casts the rays of a light, from its points `lights` in turn. `transfer` is the one that was given to
+    /// [`Self::new`].
     pub fn cast(
         &self,
         scene: LinkedScene,

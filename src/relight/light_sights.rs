@@ -144,9 +144,9 @@ impl LightSights {
         self.used < self.values.len()
     }
 
-    /// Looks for a light of unit intensity in all sights, on all cores; directions are those that go with `points` of it.
-    /// Returns the index of a buffer for [`Self::add`], or `None` if the eye sees nothing of the light. `triangles`: of the
-    /// view samples; needed if links scale the light.
+    /// Looks for a light of unit intensity in all sights, on all cores; directions are those that go with `points` of
+    /// it. Returns the index of a buffer for [`Self::add`], or `None` if the eye sees nothing of the light.
+    /// `triangles`: of the view samples; needed if links scale the light.
     pub fn look(
         &mut self,
         framebuffer: &DeepFramebuffer,

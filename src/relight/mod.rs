@@ -75,8 +75,8 @@ use crate::scene::{Emitters, Light, LightKind, ResolvedLinks, Rig};
 use crate::shared::{MAX_LIGHTS_PER_PASS, ResolvePush, ShadeLightConstants, ShadeLightPush, SumImagesPush};
 use crate::trace::bvh::TracedScene;
 
-/// Where light is transformed and multiplied by a transfer of blocks, and where images of lights are summed. Row wavelets
-/// are multiplied by kernels in any case.
+/// Where light is transformed and multiplied by a transfer of blocks, and where images of lights are summed. Row
+/// wavelets are multiplied by kernels in any case.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Site {
     /// By kernels.
@@ -93,8 +93,8 @@ pub struct RelightSettings {
     pub shadow_size: u32,
     /// Device memory for light images and transfer factors; `None`: three quarters of the device's memory.
     pub budget_bytes: Option<u64>,
-    /// Whether images of lights are kept for later pictures, as far as the budget allows. If not, there are only as many
-    /// as one picture needs, and thousands of lights take no more memory than fifty.
+    /// Whether images of lights are kept for later pictures, as far as the budget allows. If not, there are only as
+    /// many as one picture needs, and thousands of lights take no more memory than fifty.
     pub keep_images: bool,
     /// `None`: where kernels run. For tests.
     pub site: Option<Site>,
@@ -295,8 +295,8 @@ impl Relighter {
         &self.visibility_reason
     }
 
-    /// Calls `progress` after each frame of pictures that take several, with the number of lights that are done and that
-    /// of all.
+    /// Calls `progress` after each frame of pictures that take several, with the number of lights that are done and
+    /// that of all.
     pub fn set_progress(&mut self, progress: impl Fn(usize, usize) + Send + Sync + 'static) {
         self.progress = Some(Box::new(progress));
     }
@@ -442,8 +442,8 @@ impl Relighter {
         if layers == self.layers { self.cache.pending().0 } else { self.rig().lights.len() }
     }
 
-    /// Renders the exact image of one [pending](Self::pending) light, or a part of it if the light has a size, so that a
-    /// whole picture takes less time.
+    /// Renders the exact image of one [pending](Self::pending) light, or a part of it if the light has a size, so that
+    /// a whole picture takes less time.
     pub fn prepare(&mut self, layers: Layers) -> Result<()> {
         self.set_layers_and_detail(layers, Detail::Exact);
         let Some(light) = self.cache.pending().1 else { return Ok(()) };

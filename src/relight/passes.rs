@@ -159,8 +159,8 @@ impl FrameResources<'_> {
         slot
     }
 
-    /// Computes what multiplies a light at view samples and points of gather samples. `points`: of the light; one, or all
-    /// that are interleaved.
+    /// Computes what multiplies a light at view samples and points of gather samples. `points`: of the light; one, or
+    /// all that are interleaved.
     fn compute_factors(
         &self,
         factors: &mut LightFactors,

@@ -27,8 +27,8 @@ pub struct Request {
     pub layers: Layers,
     /// Accuracy of the images of changed lights.
     pub detail: Detail,
-    /// Points of lights outside of the focus that the whole picture shades at most, about: see [`LightCache::plan`]. It may
-    /// lack lights; see [`lights_shown`](super::Relighter::lights_shown). Not for [`Detail::Exact`].
+    /// Points of lights outside of the focus that the whole picture shades at most, about: see [`LightCache::plan`]. It
+    /// may lack lights; see [`lights_shown`](super::Relighter::lights_shown). Not for [`Detail::Exact`].
     pub most_points: usize,
     /// Stops; not applied to scene-linear output.
     pub exposure: f32,

@@ -47,8 +47,8 @@ pub fn clusters(scene: &Scene, order: &[[u32; 3]]) -> Vec<Cluster> {
     order.chunks(CLUSTER_SIZE).enumerate().map(cluster).collect()
 }
 
-/// Faces of `packed`, which is `light` or a point of it, for a scene of `radius` around the origin; mesh space. `margin`
-/// widens them for the filter.
+/// Faces of `packed`, which is `light` or a point of it, for a scene of `radius` around the origin; mesh space.
+/// `margin` widens them for the filter.
 pub fn faces_of(light: &Light, packed: &PackedLight, radius: f32, margin: f32) -> Vec<Face> {
     let single = |forward: Vec3, tangent: f32| {
         let (right, up) = forward.any_orthonormal_pair();

@@ -1,9 +1,9 @@
 //! Which parts of the sky light the picture: directions of domes are drawn where they matter.
 //!
-//! All samples see a dome from the same directions. Drawn by the map alone, most of them would be lost outside of a room
-//! with one window. So the share of light that arrives is measured once for each cell of the sky, at some of the samples,
-//! and warps the unit square from which directions are drawn. ([Atanasov 2018] learns such shares for each part of a
-//! scene.)
+//! All samples see a dome from the same directions. Drawn by the map alone, most of them would be lost outside of a
+//! room with one window. So the share of light that arrives is measured once for each cell of the sky, at some of the
+//! samples, and warps the unit square from which directions are drawn. ([Atanasov 2018] learns such shares for each
+//! part of a scene.)
 
 use std::collections::HashMap;
 use std::f64::consts::TAU;
@@ -49,8 +49,8 @@ const WARP: usize = 64;
 /// Share of the directions that are drawn as if all parts of the sky were alike: what no sample sees may still light
 /// others.
 const EVEN_SHARE: f64 = 0.1;
-/// Least gain from a warp that is used. Warped lattices are less even: an open floor, whose gain is 8/3, would have several
-/// times the error of the spherical lattice.
+/// Least gain from a warp that is used. Warped lattices are less even: an open floor, whose gain is 8/3, would have
+/// several times the error of the spherical lattice.
 const LEAST_GAIN: f32 = 3.0;
 
 impl SkyImportances {

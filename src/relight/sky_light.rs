@@ -46,7 +46,8 @@ pub struct SkyTerms {
     used: usize,
 }
 
-/// Factor from the squared radius of a disk of directions to the increase of a lobe's squared alpha, as in shade_soft.comp.
+/// Factor from the squared radius of a disk of directions to the increase of a lobe's squared alpha, as in
+/// shade_soft.comp.
 const WIDENING: f64 = 0.25;
 /// Directions that stand for a sun.
 const SUN_POINTS: u32 = 64;
@@ -106,8 +107,8 @@ impl SkyTerms {
         self.used < self.buffers.len()
     }
 
-    /// Computes the terms of a dome at unit intensity: light that leaves mirrors, and if `straight` all other light but that
-    /// of [traced](is_traced) suns. Returns the index of their [buffer](Self::buffer).
+    /// Computes the terms of a dome at unit intensity: light that leaves mirrors, and if `straight` all other light but
+    /// that of [traced](is_traced) suns. Returns the index of their [buffer](Self::buffer).
     pub fn compute(&mut self, light: &Light, straight: bool, detail: Detail) -> usize {
         let parts = light.sky().parts();
         let (seen, by_mirrors) = self.coefficients.split_at_mut(sky_cells::COUNT);

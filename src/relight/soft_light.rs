@@ -2,8 +2,9 @@
 //! without size.
 //!
 //! Each view sample is traced towards one of [`SOFT_POINTS`] points of the light, its neighbours towards others. The
-//! fraction of the light that is seen is the mean over neighbours on the same surface; shade_soft.comp multiplies smooth
-//! shading by it [Heitz 2018b]. Each point of a gather sample also sees one of these points; their sum needs no filter.
+//! fraction of the light that is seen is the mean over neighbours on the same surface; shade_soft.comp multiplies
+//! smooth shading by it [Heitz 2018b]. Each point of a gather sample also sees one of these points; their sum needs no
+//! filter.
 
 use std::sync::Arc;
 

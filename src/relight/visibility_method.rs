@@ -120,8 +120,8 @@ impl std::fmt::Display for VisibilityTimes {
 const RUNS: usize = 3;
 /// Width and height of the measured picture in pixels.
 const SIDE: u32 = 256;
-/// How often each view sample counts: together about as many as in a picture of default size. With fewer samples, drawing
-/// the map would weigh too much.
+/// How often each view sample counts: together about as many as in a picture of default size. With fewer samples,
+/// drawing the map would weigh too much.
 const REPEATS: usize = 4;
 const CAMERA: DVec3 = DVec3::new(0.2, 0.1, 0.5);
 const LIGHT: DVec3 = DVec3::new(0.1, 0.45, 0.05);

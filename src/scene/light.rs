@@ -55,8 +55,8 @@ pub struct Light {
     pub direction: DVec3,
     /// Linear Rec. 709.
     pub color: Vec3,
-    /// Candela, straight ahead for flat lights; lux for directional lights. Does not depend on the light's size. Of domes:
-    /// cd/m², or what their map is multiplied by. Of emitters: what their material's emission is multiplied by.
+    /// Candela, straight ahead for flat lights; lux for directional lights. Does not depend on the light's size. Of
+    /// domes: cd/m², or what their map is multiplied by. Of emitters: what their material's emission is multiplied by.
     pub intensity: f64,
     /// Intensity is multiplied by 2^stops.
     pub stops: f64,
@@ -183,7 +183,8 @@ impl Light {
         }
     }
 
-    /// The middle of this light in mesh space as a light without size, white and at unit intensity. Panics for emitters.
+    /// The middle of this light in mesh space as a light without size, white and at unit intensity. Panics for
+    /// emitters.
     pub fn pack(&self, space: MeshSpace) -> PackedLight {
         let (inner, outer) = (self.inner_angle.cos(), self.outer_angle.cos());
         let mut packed = PackedLight {
@@ -297,9 +298,9 @@ impl Light {
         }
     }
 
-    /// A point inside of a sphere light as a point light that stands for all of it, in mesh space. Such points, seen from
-    /// anywhere, are spread evenly over the disk that the sphere looks like: the density in the ball falls with the
-    /// radius r as 1/sqrt(R² - r²). `[u, v, w]`: in the unit cube.
+    /// A point inside of a sphere light as a point light that stands for all of it, in mesh space. Such points, seen
+    /// from anywhere, are spread evenly over the disk that the sphere looks like: the density in the ball falls with
+    /// the radius r as 1/sqrt(R² - r²). `[u, v, w]`: in the unit cube.
     pub fn pack_in_ball(&self, space: MeshSpace, [u, v, w]: [f64; 3]) -> PackedLight {
         let (sin, cos) = (TAU * v).sin_cos();
         let along = (1.0 - u).sqrt() * (PI * (w - 0.5)).sin();

@@ -56,8 +56,9 @@ impl LightUnit {
 impl Light {
     /// The strength in `unit` at an intensity of one; `None` if the unit does not fit the light's kind or size.
     ///
-    /// Watts are those of a Blender light without a profile. A point has the same intensity in all directions. A spot is
-    /// as bright as a point of the same watts, however narrow its cone. An area light sends all its watts to one side.
+    /// Watts are those of a Blender light without a profile. A point has the same intensity in all directions. A spot
+    /// is as bright as a point of the same watts, however narrow its cone. An area light sends all its watts to one
+    /// side.
     pub fn per_intensity(&self, unit: LightUnit) -> Option<f64> {
         let per_intensity = match unit {
             LightUnit::Candela | LightUnit::Lux | LightUnit::Factor if unit == LightUnit::of_intensity(self.kind) => {

@@ -1,7 +1,7 @@
 //! Environment maps: the radiance that arrives from each direction of the sphere, and directions drawn by it.
 //!
-//! Maps are equirectangular: at (x, y, z) they are read at u = atan2(x, -z) / 2 pi, v = acos(y) / pi, so the middle of a
-//! map is +z and its right quarter -x. Radiance is interpolated bilinearly between the middles of texels.
+//! Maps are equirectangular: at (x, y, z) they are read at u = atan2(x, -z) / 2 pi, v = acos(y) / pi, so the middle of
+//! a map is +z and its right quarter -x. Radiance is interpolated bilinearly between the middles of texels.
 
 use std::f64::consts::{PI, TAU};
 use std::path::Path;
@@ -118,7 +118,8 @@ impl SkyMap {
         [if u < 0.0 { u + 1.0 } else { u }, direction.y.clamp(-1.0, 1.0).acos() / PI as f32]
     }
 
-    /// Mean radiance around a [place](Self::place): for small pictures, in which the sun must not fall between two pixels.
+    /// Mean radiance around a [place](Self::place): for small pictures, in which the sun must not fall between two
+    /// pixels.
     pub fn blurred_at(&self, [u, v]: [f32; 2]) -> Vec3 {
         let coarse = self.coarse.get_or_init(|| match self.texels.width > BLURRED_WIDTH {
             true => reduced(self.texels.halved(), BLURRED_WIDTH),
@@ -132,8 +133,8 @@ impl SkyMap {
         self.cell_density(self.grid_place(direction).cell)
     }
 
-    /// Draws a direction with a density that follows the map's luminance. `[u, v]`: in the unit square; u leads downwards,
-    /// so lattices become spherical lattices [Keinert 2015] under an even sky.
+    /// Draws a direction with a density that follows the map's luminance. `[u, v]`: in the unit square; u leads
+    /// downwards, so lattices become spherical lattices [Keinert 2015] under an even sky.
     pub fn draw(&self, at: [f64; 2]) -> SkyDirection {
         let GridPlace { cell: [x, y], within: [within_cell, within_row] } = self.distribution.draw(at);
         let [columns, rows] = self.distribution.size();

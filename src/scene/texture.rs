@@ -158,8 +158,8 @@ fn is_deep(color: image::ColorType) -> bool {
 }
 
 impl Image {
-    /// Decodes a PNG, JPEG, WebP, BMP, TIFF or TGA file; channels of more than 8 bits are stored as 16. `name`: tells TGA,
-    /// which nothing else does; may be empty.
+    /// Decodes a PNG, JPEG, WebP, BMP, TIFF or TGA file; channels of more than 8 bits are stored as 16. `name`: tells
+    /// TGA, which nothing else does; may be empty.
     pub fn decode(file: &[u8], name: &Path) -> Result<Self, image::ImageError> {
         let mut reader = reader(file, name)?;
         let mut limits = image::Limits::default();
@@ -416,7 +416,7 @@ mod tests {
         });
         let mut file = Vec::new();
         pixels.write_to(&mut std::io::Cursor::new(&mut file), image::ImageFormat::Png).unwrap();
-        let image = Image::decode(&file).expect("it is a PNG file");
+        let image = Image::decode(&file, Path::new("")).expect("it is a PNG file");
         let texture = Texture::of("deep".into(), image.clone(), Encoding::Linear);
         for (x, y, pixel) in pixels.enumerate_pixels() {
             let uv = Vec2::new((x as f32 + 0.5) / 64.0, (y as f32 + 0.5) / 64.0);

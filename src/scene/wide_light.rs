@@ -7,8 +7,8 @@ use super::{Light, LightKind, MeshSpace};
 /// A light is wide if a side is longer than this, in units of the distance within which most of its light comes from.
 const WIDE: f64 = 8.0;
 
-/// A density of points on a flat light: along each of its axes that of Cauchy, whose middle is next to the scene. It falls
-/// no faster than the light of a point does, so that no point is too bright.
+/// A density of points on a flat light: along each of its axes that of Cauchy, whose middle is next to the scene. It
+/// falls no faster than the light of a point does, so that no point is too bright.
 #[derive(Clone, Copy, Debug)]
 pub struct WideLight {
     sides: [Side; 2],

@@ -172,8 +172,8 @@ impl Transfers {
         cache::load_sky(self.dir.as_deref()?, &self.sky_key(lobe), framebuffer)
     }
 
-    /// Calls `show` with a first transfer after a second and a coarse one after many, unless the cache has the fine one, then
-    /// with that, which it also returns. Bakes on threads of its own, so that lights can be edited meanwhile.
+    /// Calls `show` with a first transfer after a second and a coarse one after many, unless the cache has the fine
+    /// one, then with that, which it also returns. Bakes on threads of its own, so that lights can be edited meanwhile.
     pub fn refine(
         &self,
         seen: BakeInput,
@@ -237,8 +237,8 @@ impl Transfers {
         self.sky && self.plan.has_sky()
     }
 
-    /// From the cache, or baked and kept there; `fits` are those that parts made, of the operator and of light of the sky.
-    /// `first` gets what is there while light of the sky is baked.
+    /// From the cache, or baked and kept there; `fits` are those that parts made, of the operator and of light of the
+    /// sky. `first` gets what is there while light of the sky is baked.
     fn get(
         &self,
         seen: BakeInput,
@@ -342,8 +342,8 @@ impl Session {
         Ok(session)
     }
 
-    /// Indirect light from the cache, or baked: to one sample a pixel, whose rows serve its further samples, so that it does
-    /// not depend on where the lights' shadow edges lie.
+    /// Indirect light from the cache, or baked: to one sample a pixel, whose rows serve its further samples, so that it
+    /// does not depend on where the lights' shadow edges lie.
     fn transfer(&mut self, lobe: Lobe, progress: &dyn Progress) -> Result<Transfer> {
         let Self { scene, framebuffer, bake, transfers, plain, .. } = self;
         let transfers = transfers.as_ref().expect("there is indirect light");
@@ -497,8 +497,8 @@ impl Session {
         })
     }
 
-    /// A Vulkan device by its index or a part of its name, or the fastest one: see [`choose_device`]. Compiled kernels go to the
-    /// cache. Debug builds turn validation layers on.
+    /// A Vulkan device by its index or a part of its name, or the fastest one: see [`choose_device`]. Compiled kernels
+    /// go to the cache. Debug builds turn validation layers on.
     pub fn context(&self, device: Option<&str>) -> Result<Arc<Context>> {
         let validation = if cfg!(debug_assertions) { Validation::On } else { Validation::Off };
         let cache_dir = self.cache_dir.as_deref();

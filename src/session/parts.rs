@@ -1,4 +1,5 @@
-//! A bake in parts, on one machine or on many: what all parts need is made once, then each part; joined, they are the bake.
+//! A bake in parts, on one machine or on many: what all parts need is made once, then each part; joined, they are the
+//! bake.
 
 use std::path::{Path, PathBuf};
 
@@ -41,8 +42,8 @@ impl Session {
         })
     }
 
-    /// Bakes one part to `output`, or to the cache. Returns the file; `None` if the cache has the whole bake, and no file is
-    /// asked for.
+    /// Bakes one part to `output`, or to the cache. Returns the file; `None` if the cache has the whole bake, and no
+    /// file is asked for.
     pub fn bake_part(&mut self, part: Part, output: Option<&Path>, progress: &dyn Progress) -> Result<Option<PathBuf>> {
         self.in_parts(|transfers, input, report| transfers.bake_part(input, part, output, report, progress))
     }

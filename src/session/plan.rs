@@ -1,4 +1,5 @@
-//! What is baked for indirect light, and why: samples, rays and bases chosen from the picture's size and the asked error.
+//! What is baked for indirect light, and why: samples, rays and bases chosen from the picture's size and the asked
+//! error.
 
 use serde::Serialize;
 

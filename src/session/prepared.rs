@@ -27,8 +27,8 @@ use crate::storage::journal::Journal;
 const LIGHTS: usize = 512;
 /// Random skies that compression learns from.
 const SKIES: usize = 192;
-/// Error of light of the sky, as a multiple of the compressed operator's: what mirrors throw is a small part of a picture,
-/// and the rest of it serves while a dome moves.
+/// Error of light of the sky, as a multiple of the compressed operator's: what mirrors throw is a small part of a
+/// picture, and the rest of it serves while a dome moves.
 const SKY_ERROR: f64 = 2.0;
 
 /// Gather samples and bounces among them, before the operator.
@@ -42,7 +42,8 @@ pub(super) enum Prepared<'a> {
 pub(super) struct Shared<'a> {
     pub transport: transport::Stored<'a>,
     pub direct: compression::Stored<'a>,
-    /// Of light of the sky, if there is a dome and any of its light arrives: [`LightTransport::from_sky`], and what compresses it.
+    /// Of light of the sky, if there is a dome and any of its light arrives: [`LightTransport::from_sky`], and what
+    /// compresses it.
     pub sky: Option<(Cow<'a, CsrMatrix>, compression::Stored<'a>)>,
 }
 
@@ -119,7 +120,8 @@ impl TransferPlan {
 }
 
 impl Prepared<'_> {
-    /// The operator; `fits` are those that parts made; `journal` is where it keeps what it would go on from if it was stopped.
+    /// The operator; `fits` are those that parts made; `journal` is where it keeps what it would go on from if it was
+    /// stopped.
     pub fn bake(
         &mut self,
         lobe: Lobe,
@@ -344,5 +346,6 @@ fn check_wavelets(bytes: f64, scene: &Scene) -> Result<()> {
     check_free(bytes, what, "choose a larger --error, a smaller --size, or a smaller --gather", &scene.path)
 }
 
-/// Spectral radius from which light bounces some thousand times: a thousandth more or less reflected halves or doubles it.
+/// Spectral radius from which light bounces some thousand times: a thousandth more or less reflected halves or doubles
+/// it.
 const HARDLY_ABSORBED: f64 = 0.999;

@@ -13,7 +13,8 @@ pub struct BakeReport {
     pub cpu_seconds: f64,
     /// Whether all of the bake came from the cache.
     pub cached: bool,
-    /// What changed since the most similar bake of the scene in the cache; `None` if it came from there, or there is none.
+    /// What changed since the most similar bake of the scene in the cache; `None` if it came from there, or there is
+    /// none.
     pub because: Option<String>,
     /// Why what was baked could not be kept.
     pub not_stored: Option<Error>,

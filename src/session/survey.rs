@@ -77,7 +77,8 @@ pub enum NoSky {
     Closed,
 }
 
-/// Pixels of the picture that larger ones are judged by: a few milliseconds, and each thousandth of a picture is some pixels.
+/// Pixels of the picture that larger ones are judged by: a few milliseconds, and each thousandth of a picture is some
+/// pixels.
 const PIXELS: f64 = 16_384.0;
 /// Paths from the eye that tell how much of the scene is seen.
 const PATHS: usize = 16_384;
@@ -190,7 +191,8 @@ impl Survey {
         Ok(Self { size, counts, counted_in, transfer, unneeded, scene, rig, escaped })
     }
 
-    /// Bytes of memory and CPU seconds that the bake takes, within a factor of about three (docs/farm.md, "What a bake takes").
+    /// Bytes of memory and CPU seconds that the bake takes, within a factor of about three (docs/farm.md, "What a bake
+    /// takes").
     pub fn bake_cost(&self) -> (f64, f64) {
         let samples = self.counts.samples as f64;
         let scene = BYTES_A_TRIANGLE * self.scene.mesh.triangles.len() as f64 + BYTES_A_SAMPLE * samples;

@@ -93,8 +93,8 @@ gpu_shared! {
         /// Number of `OUTPUT_` constants.
         pub const OUTPUT_COUNT: u32 = 6;
 
-        /// Entries along each axis of the table of a display, from 0 to [`DISPLAY_TABLE_END`] of exposed radiance. With 65,
-        /// 99 % of plausible colours through ACES 2 are within a third of an 8-bit code; with 97, within a fifth.
+        /// Entries along each axis of the table of a display, from 0 to [`DISPLAY_TABLE_END`] of exposed radiance. With
+        /// 65, 99 % of plausible colours through ACES 2 are within a third of an 8-bit code; with 97, within a fifth.
         pub const DISPLAY_TABLE_SIDE: u32 = 65;
 
         /// Number of false-colour bands; each is one stop wide.
@@ -116,12 +116,13 @@ gpu_shared! {
         /// Maximum albedo of a gather sample for light from any direction: the albedo of glTF's BRDF exceeds 1 near
         /// grazing angles. At this value single precision resolves 1 - albedo to a relative error of 0.001.
         pub const ALBEDO_CAP: f32 = 0.9999;
-        /// Directions drawn from a narrow lobe for each point of a light with a size that moves, where it shades such a lobe.
+        /// Directions drawn from a narrow lobe for each point of a light with a size that moves, where it shades such a
+        /// lobe.
         pub const DIRECTIONS_PER_POINT: f32 = 0.25;
         /// Scene-linear luminance of middle grey.
         pub const MIDDLE_GREY: f32 = 0.18;
-        /// Exposed radiance of the last entry of the table of a display, 11.5 stops above middle grey. Brighter light is
-        /// clamped to it.
+        /// Exposed radiance of the last entry of the table of a display, 11.5 stops above middle grey. Brighter light
+        /// is clamped to it.
         pub const DISPLAY_TABLE_END: f32 = 512.0;
         /// Entries of the table are spaced evenly in log2(1 + radiance / this): logarithmic, but linear near black.
         pub const DISPLAY_TABLE_TOE: f32 = 0.005;
@@ -245,8 +246,8 @@ gpu_shared! {
 
         /// A light at unit intensity in mesh space.
         pub struct PackedLight {
-            /// Mesh space. Of a directional light its colour: white, but of a direction of a dome, with 1 in the greatest
-            /// channel.
+            /// Mesh space. Of a directional light its colour: white, but of a direction of a dome, with 1 in the
+            /// greatest channel.
             pub position: Vec3,
             /// One of the `LIGHT_` constants.
             pub kind: u32,
@@ -258,8 +259,8 @@ gpu_shared! {
             pub cone_scale: f32,
             /// 1 - cos outer, compared with 1 - cos of the angle off the axis; accurate for narrow cones.
             pub cone_versine: f32,
-            /// Facet: 1 / tan of half its spread. Directional light: what it adds to the squared alpha of lobes, as if it had
-            /// a size.
+            /// Facet: 1 / tan of half its spread. Directional light: what it adds to the squared alpha of lobes, as if
+            /// it had a size.
             pub narrowing: f32,
             /// Within this squared distance light does not increase any more; mesh space. Facet: at least the squared
             /// radius of a disk of its area. Of a direction of a dome: 1 / the density with which it was drawn, sr.
@@ -359,8 +360,8 @@ gpu_shared! {
             pub accumulate: u32,
             /// Whether `factors` multiply the light.
             pub has_factors: u32,
-            /// Area of the light that one direction drawn from a narrow lobe stands for: area (of suns solid angle) times the
-            /// number of such directions, over that of points. 0: none are drawn.
+            /// Area of the light that one direction drawn from a narrow lobe stands for: area (of suns solid angle)
+            /// times the number of such directions, over that of points. 0: none are drawn.
             pub drawn_area: f32,
         }
 
@@ -379,8 +380,8 @@ gpu_shared! {
             pub extras: Write<f32>,
             /// [`SOFT_POINTS`] points of the light, and its middle; at unit intensity.
             pub points: Read<PackedLight>,
-            /// Of a rectangle: half its width, along it; mesh space. Of others: radius, along any direction across the axis;
-            /// of suns, at unit distance.
+            /// Of a rectangle: half its width, along it; mesh space. Of others: radius, along any direction across the
+            /// axis; of suns, at unit distance.
             pub across: Vec3,
             /// Of a rectangle: half its height. Of others: the radius.
             pub half_height: f32,

@@ -8,8 +8,8 @@ use crate::error::{Error, Result};
 
 /// Writes `path` through `encode` to a temporary file next to it, then renames it: a failure leaves the previous file.
 ///
-/// A file that is replaced keeps its permissions. A symbolic link is preserved and its target replaced; a device or pipe is
-/// written directly. If the disk fails, the error is `Error::Io` with `path`, whatever error `encode` returns.
+/// A file that is replaced keeps its permissions. A symbolic link is preserved and its target replaced; a device or
+/// pipe is written directly. If the disk fails, the error is `Error::Io` with `path`, whatever error `encode` returns.
 pub fn write_whole(path: &Path, encode: impl FnOnce(&mut dyn Write) -> Result<()>) -> Result<()> {
     write_with(path, false, encode)
 }

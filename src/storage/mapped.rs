@@ -1,5 +1,5 @@
-//! Memory-mapped files, whose factors are uploaded to the device or multiplied without a copy in between, and arrays that
-//! may be stored in one.
+//! Memory-mapped files, whose factors are uploaded to the device or multiplied without a copy in between, and arrays
+//! that may be stored in one.
 
 use std::fs::File;
 use std::io;

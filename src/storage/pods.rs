@@ -1,5 +1,5 @@
-//! `#[serde(with = "pods")]`: plain data as its bytes, which are copied at once. Lengths are validated; what the values mean
-//! is not.
+//! `#[serde(with = "pods")]`: plain data as its bytes, which are copied at once. Lengths are validated; what the values
+//! mean is not.
 
 use bytemuck::{Pod, cast_slice, pod_collect_to_vec};
 use serde::de::{Deserializer, Error};

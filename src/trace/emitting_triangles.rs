@@ -82,8 +82,8 @@ impl EmittingTriangles {
         self.running.is_empty()
     }
 
-    /// Draws a point: a triangle, and the weights of its second and third vertex. `None` if there are no triangles. `u`:
-    /// uniform in 0..1.
+    /// Draws a point: a triangle, and the weights of its second and third vertex. `None` if there are no triangles.
+    /// `u`: uniform in 0..1.
     pub fn place(&self, u: [f64; 3]) -> Option<(u32, Vec2)> {
         let (_, total) = self.running.last()?;
         let at = self.running.partition_point(|&(_, sum)| sum <= u[0] * total).min(self.running.len() - 1);

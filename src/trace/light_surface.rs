@@ -65,8 +65,8 @@ pub struct ArrivingLight {
 }
 
 impl LightInScene<'_> {
-    /// Light along a ray from the surface of `triangle`, given by origin and unit direction. `end`: where the next surface
-    /// stops the ray, if that is known.
+    /// Light along a ray from the surface of `triangle`, given by origin and unit direction. `end`: where the next
+    /// surface stops the ray, if that is known.
     pub fn arriving(&self, triangle: u32, [origin, direction]: [Vec3; 2], end: Option<f32>) -> Option<ArrivingLight> {
         let mut arriving =
             self.between(triangle, [origin, direction], [0.0, end.unwrap_or(f32::INFINITY)], end.is_some())?;
@@ -76,8 +76,8 @@ impl LightInScene<'_> {
         Some(arriving)
     }
 
-    /// Light along a part of an eye path, between two distances from the origin. `mirror`: triangle at the origin; `None`
-    /// if the eye looks directly.
+    /// Light along a part of an eye path, between two distances from the origin. `mirror`: triangle at the origin;
+    /// `None` if the eye looks directly.
     pub fn seen(&self, mirror: Option<u32>, [origin, direction]: [Vec3; 2], range: [f32; 2]) -> Option<DVec3> {
         if self.light.kind == LightKind::Dome {
             let radiance = || self.seen_sky(mirror, SkyMap::place(direction));
@@ -97,8 +97,8 @@ impl LightInScene<'_> {
         (radiance != DVec3::ZERO).then_some(radiance)
     }
 
-    /// What an eye path shows of a dome where it leaves the scene; see [`Self::seen`]. `place`: of its direction in a map
-    /// that is not turned.
+    /// What an eye path shows of a dome where it leaves the scene; see [`Self::seen`]. `place`: of its direction in a
+    /// map that is not turned.
     pub fn seen_sky(&self, mirror: Option<u32>, [u, v]: [f32; 2]) -> DVec3 {
         let factor = match mirror {
             Some(triangle) => self.scene.factor(triangle),

@@ -58,8 +58,8 @@ impl<'a> LinkedScene<'a> {
         self.links.is_none_or(ResolvedLinks::everything_casts_shadow)
     }
 
-    /// Share of light that passes along the ray from its origin to `max_distance`, through all blending surfaces and all
-    /// that cast no shadow.
+    /// Share of light that passes along the ray from its origin to `max_distance`, through all blending surfaces and
+    /// all that cast no shadow.
     pub fn transmittance(self, origin: Vec3, direction: Vec3, max_distance: f32) -> f32 {
         let left = Cell::new(1.0f32);
         let passes = |hit: &Hit| {

@@ -31,8 +31,8 @@ pub struct Photon {
 const NEAREST: usize = 64;
 /// Least cosine between the normals of surfaces that share photons.
 const MIN_NORMAL_COSINE: f32 = 0.9;
-/// Largest height of photons above a surface, relative to their distance: they may lie on a parallel one. Rays start above
-/// surfaces, so a share of the largest distance is added.
+/// Largest height of photons above a surface, relative to their distance: they may lie on a parallel one. Rays start
+/// above surfaces, so a share of the largest distance is added.
 const OFF_PLANE: f32 = 0.3;
 const LIFTED: f32 = 0.02;
 /// Least cosine by which irradiance is divided.
@@ -52,8 +52,8 @@ impl PhotonMap {
         self.photons.is_empty()
     }
 
-    /// Light that arrives around a point of a surface: `arrive` gets its unit direction, and its irradiance on a plane that
-    /// faces it, RGB. `reach2`: largest squared distance of photons, mesh space.
+    /// Light that arrives around a point of a surface: `arrive` gets its unit direction, and its irradiance on a plane
+    /// that faces it, RGB. `reach2`: largest squared distance of photons, mesh space.
     pub fn arriving(&self, position: Vec3, geometric_normal: Vec3, reach2: f32, mut arrive: impl FnMut(DVec3, DVec3)) {
         let lifted = LIFTED * reach2.sqrt();
         let alike = |i: u32| {

@@ -8,8 +8,9 @@ use super::bvh::TracedScene;
 /// Minimum cosine between a point's geometric normal and that of its triangle: allows for rounding.
 const SAME_NORMAL: f32 = 0.99;
 
-/// The triangle of each point, given by position and geometric normal: the first along the normal's opposite that has this
-/// normal, starting just above the point, which may be lifted from its surface. 0 for points that are on no surface.
+/// The triangle of each point, given by position and geometric normal: the first along the normal's opposite that has
+/// this normal, starting just above the point, which may be lifted from its surface. 0 for points that are on no
+/// surface.
 pub fn triangles_at(scene: &TracedScene, points: impl IndexedParallelIterator<Item = (Vec3, Vec3)>) -> Vec<u32> {
     let mesh = &scene.mesh;
     let above = scene.bvh.shadow_offset(0.0);

@@ -1,8 +1,8 @@
 //! Refinement of the picture at rest: extra view samples on edges, up to the quality of `relume render`.
 //!
-//! The positions of the edges of shadows and lights depend on the lights. Once the lights rest, a low-priority thread therefore bakes the
-//! deep framebuffer again with more samples. A second relighter uses it and shades some lights at a time, so that an edit
-//! does not wait long. When a light that has edges moves, the first relighter continues.
+//! The positions of the edges of shadows and lights depend on the lights. Once the lights rest, a low-priority thread
+//! therefore bakes the deep framebuffer again with more samples. A second relighter uses it and shades some lights at a
+//! time, so that an edit does not wait long. When a light that has edges moves, the first relighter continues.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;

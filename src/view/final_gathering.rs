@@ -1,8 +1,8 @@
 //! Final gathering while the lights rest: the picture of their indirect light becomes the right one.
 //!
 //! A low-priority thread gathers the lights of which least is known, and tells from time to time what it found. All is
-//! kept by light, as it stands, at unit strength: a light that is recoloured, muted or put back by undo needs no work. Any
-//! edit stops the thread; what it found until then is kept.
+//! kept by light, as it stands, at unit strength: a light that is recoloured, muted or put back by undo needs no work.
+//! Any edit stops the thread; what it found until then is kept.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -174,7 +174,8 @@ impl FinalGathering {
         self.known.iter().find(|known| known.light.is(rig, light))
     }
 
-    /// Expected squared error of each pixel for the lights as they are; `None` if there is a light of which nothing is known.
+    /// Expected squared error of each pixel for the lights as they are; `None` if there is a light of which nothing is
+    /// known.
     fn errors2(&self, rig: &Rig) -> Option<Vec<f64>> {
         let mut sum: Vec<f64> = Vec::new();
         for light in shining(rig) {
@@ -186,8 +187,8 @@ impl FinalGathering {
         Some(sum)
     }
 
-    /// Expected error of each pixel, row by row, relative to the mean luminance of the picture; `None` before each light was
-    /// gathered.
+    /// Expected error of each pixel, row by row, relative to the mean luminance of the picture; `None` before each
+    /// light was gathered.
     pub fn errors(&self, rig: &Rig) -> Option<Vec<f32>> {
         let errors2 = self.errors2(rig).filter(|errors2| !errors2.is_empty() && self.mean > 0.0)?;
         Some(errors2.into_iter().map(|error2| (error2.sqrt() / self.mean) as f32).collect())
@@ -214,8 +215,8 @@ impl FinalGathering {
         (!waits).then(|| self.edited + DELAY)
     }
 
-    /// Does one short step, if one is due: makes an image of the operator, or starts the thread. `relighter` has the lights.
-    /// `is_baking`: a core is taken already. Returns the expected error once it is as small as asked.
+    /// Does one short step, if one is due: makes an image of the operator, or starts the thread. `relighter` has the
+    /// lights. `is_baking`: a core is taken already. Returns the expected error once it is as small as asked.
     pub fn step(&mut self, opened: &Opened, relighter: &mut Relighter, is_baking: bool) -> Result<Option<f64>> {
         let is_due = self.next_step_at(opened).is_some_and(|due| due <= Instant::now());
         let Some(asked) = self.error.filter(|_| is_due) else { return Ok(None) };

@@ -30,8 +30,8 @@ pub struct GatheredLight {
 /// How far final gathering has come with the lights as they are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct GatheringState {
-    /// Expected error of a pixel, root mean square, relative to the mean luminance of the picture; `None` before each light
-    /// was gathered.
+    /// Expected error of a pixel, root mean square, relative to the mean luminance of the picture; `None` before each
+    /// light was gathered.
     pub expected_error: Option<f64>,
     /// Fewest passes of a light.
     pub passes: u32,

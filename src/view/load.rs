@@ -18,7 +18,8 @@ use crate::session::{BakeInput, Progress, Session, SessionSettings};
 use crate::trace::bvh::TracedScene;
 use crate::wire::Inbound;
 
-/// A message to the event loop, with the number of the scene that it is for. The scene may have been loaded again since.
+/// A message to the event loop, with the number of the scene that it is for. The scene may have been loaded again
+/// since.
 pub struct Numbered {
     pub scene: u32,
     /// Of another camera than the shown one: its index in the scene.

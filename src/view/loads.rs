@@ -58,7 +58,8 @@ impl Loads {
         self.start(Some(Known { scene: seen.scene.clone(), rig: rig.clone(), transfer: seen.transfer.clone() }));
     }
 
-    /// Starts to bake for other cameras of the scene that is shown. Returns the number of the scene in the messages, too.
+    /// Starts to bake for other cameras of the scene that is shown. Returns the number of the scene in the messages,
+    /// too.
     pub fn start_shots(&self, opened: &Opened, rig: &Rig, shots: Vec<usize>) -> (Loading, u32) {
         let known = Known { scene: opened.scene.clone(), rig: rig.clone(), transfer: None };
         (self.source.start_shots(&self.messenger(), &known, shots), self.latest)

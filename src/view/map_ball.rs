@@ -90,8 +90,8 @@ fn pixels(light: &Light, shown: &Shown, world_from_camera: DMat3) -> Vec<Color32
     colors.into_iter().enumerate().map(pixel).collect()
 }
 
-/// The direction, in the space of the camera, that a mirror ball shows at (x, y) of its unit disk, y up. The ball is seen
-/// along -z from far away.
+/// The direction, in the space of the camera, that a mirror ball shows at (x, y) of its unit disk, y up. The ball is
+/// seen along -z from far away.
 fn reflected(x: f32, y: f32) -> Vec3 {
     let z = (1.0 - x * x - y * y).max(0.0).sqrt();
     // d - 2 (d . n) n for d = -z; the normal n is (x, y, z).

@@ -452,8 +452,8 @@ impl OpenScene {
         pick.map_or(self.opened.scene.space.origin, |pick| pick.position)
     }
 
-    /// Saves the rig, or exports the scene if the path ends in `.glb` or `.gltf`, or its lights as UsdLux. Puts the outcome
-    /// into the message and returns whether it succeeded.
+    /// Saves the rig, or exports the scene if the path ends in `.glb` or `.gltf`, or its lights as UsdLux. Puts the
+    /// outcome into the message and returns whether it succeeded.
     fn save(&mut self, path: PathBuf) -> bool {
         let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
         let is_gltf = matches!(extension.as_str(), "glb" | "gltf");

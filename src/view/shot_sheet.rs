@@ -102,7 +102,8 @@ impl ShotSheet {
         self.shots.get(shot).filter(|shot| shot.is_complete)?.opened.as_ref()
     }
 
-    /// The next shot whose picture does not show `wanted`. `shown`: the camera of the window, if its picture may be used.
+    /// The next shot whose picture does not show `wanted`. `shown`: the camera of the window, if its picture may be
+    /// used.
     pub fn next_due(&mut self, wanted: &Drawn, shown: Option<usize>, can_copy: bool) -> Option<usize> {
         let count = self.shots.len();
         let is_due = |&at: &usize| {

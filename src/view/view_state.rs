@@ -12,8 +12,8 @@ use crate::scene::{LightUnit, Rig};
 pub struct ViewState {
     /// Exposure, stops.
     pub exposure: f32,
-    /// Automatic exposure of a picture that lacks lights, and the number of lights in it. Unless the user changes it, it is
-    /// chosen again with more lights.
+    /// Automatic exposure of a picture that lacks lights, and the number of lights in it. Unless the user changes it,
+    /// it is chosen again with more lights.
     pub provisional_exposure: Option<(f32, usize)>,
     pub tone_map: ToneMap,
     /// Offered beside the tone curves.

@@ -29,8 +29,8 @@ use super::{Latency, Opened, ViewReport, ViewSettings};
 use crate::error::{Cause, Error, Result};
 use crate::gpu::{PassTime, Placement, Screen, UiFrame};
 
-/// Opens a window and runs it until it is closed. The scene is loaded and baked on a thread of its own. Fails if no window
-/// can be opened or the scene cannot be loaded.
+/// Opens a window and runs it until it is closed. The scene is loaded and baked on a thread of its own. Fails if no
+/// window can be opened or the scene cannot be loaded.
 pub fn run(settings: ViewSettings, source: SceneSource) -> Result<ViewReport> {
     let no_window = |source: Cause| Error::NoWindow { source };
     let event_loop = EventLoop::<Numbered>::with_user_event().build().map_err(|e| no_window(e.into()))?;

@@ -22,7 +22,8 @@ pub struct Host {
     joined: HashSet<Client>,
     /// What clients have been told, and its version.
     published: Option<(u64, Rig)>,
-    /// Edits of one client with one name are undone together, if nothing comes between them: the version after the last.
+    /// Edits of one client with one name are undone together, if nothing comes between them: the version after the
+    /// last.
     gesture: Option<(Client, String, u64)>,
     /// What clients are told when they join, beside the lights: the scene.
     scene: Object,

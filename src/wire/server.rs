@@ -1,4 +1,5 @@
-//! Connections: each has a thread that reads and one that writes, so that no client can delay another one or the window.
+//! Connections: each has a thread that reads and one that writes, so that no client can delay another one or the
+//! window.
 
 use std::collections::HashMap;
 use std::io::{self, BufRead, BufReader, ErrorKind, Read, Write};
@@ -28,8 +29,8 @@ const MOST_HELLO: usize = 4096;
 const MOST_LINE: usize = 16 << 20;
 /// Requests of a client that are read before the first one of them is answered.
 const MOST_REQUESTS: usize = 64;
-/// With more bytes waiting, a reader that takes none of them for a while is disconnected, and with four times as many any
-/// reader. It can connect again and gets the lights as they are.
+/// With more bytes waiting, a reader that takes none of them for a while is disconnected, and with four times as many
+/// any reader. It can connect again and gets the lights as they are.
 const MOST_WAITING: usize = 64 << 20;
 const READING_TIME: Duration = Duration::from_secs(2);
 /// Bytes written at a time.

@@ -36,8 +36,8 @@ pub fn plain_surface(base_color: Vec3, metallic: f32, roughness: f32) -> Surface
     }
 }
 
-/// The one device of a test program, for one test at a time: its queue belongs to one thread. RELUME_DEVICE names it, as
-/// --device would; default: the best one by its kind.
+/// The one device of a test program, for one test at a time: its queue belongs to one thread. RELUME_DEVICE names it,
+/// as --device would; default: the best one by its kind.
 ///
 /// When it goes, the validation layer must have said nothing and everything made on the device must be gone; so take
 /// it first.

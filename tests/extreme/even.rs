@@ -1,5 +1,5 @@
-//! Closed scenes whose every surface shines with radiance 1 and reflects the same share ρ of light: whatever their shape,
-//! indirect light is ρ/(1-ρ) at every pixel.
+//! Closed scenes whose every surface shines with radiance 1 and reflects the same share ρ of light: whatever their
+//! shape, indirect light is ρ/(1-ρ) at every pixel.
 
 use glam::{DVec3, Vec3};
 use relume::bake::baselines::thesis::{Thesis, ThesisSettings};

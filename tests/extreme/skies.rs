@@ -1,5 +1,5 @@
-//! Domes whose maps are of one texel or of millions, black, broken, or all in one bright spot; and none of their light in
-//! a closed box. Pictures while they turn and at rest.
+//! Domes whose maps are of one texel or of millions, black, broken, or all in one bright spot; and none of their light
+//! in a closed box. Pictures while they turn and at rest.
 
 use std::f64::consts::{PI, TAU};
 

@@ -1,6 +1,7 @@
 //! A cache folder: what is in it, and what of it may go. Several processes use it at a time, on several machines.
 //!
-//! Correct use needs no locks: files are written aside and renamed, and content names them. Locks only tell what is in use.
+//! Correct use needs no locks: files are written aside and renamed, and content names them. Locks only tell what is in
+//! use.
 
 use std::cmp::Reverse;
 use std::fs::File;
@@ -52,8 +53,8 @@ pub fn list(dir: &Path) -> Result<Vec<Entry>> {
     Ok(entries)
 }
 
-/// Removes what `keep` does not name, but for files in use. A bake that is removed is made again when it is needed. If some
-/// file cannot be removed, all others are, and the error names it.
+/// Removes what `keep` does not name, but for files in use. A bake that is removed is made again when it is needed. If
+/// some file cannot be removed, all others are, and the error names it.
 pub fn prune(dir: &Path, keep: Keep) -> Result<Pruned> {
     let mut pruned = Pruned::default();
     let mut found: Vec<(SystemTime, u64, PathBuf)> = ours(dir)?.into_iter().filter_map(state).collect();

@@ -13,8 +13,8 @@ use crate::scene::{Camera, Material, Rig, Scene};
 use crate::storage::file::open;
 use crate::storage::mapped::Mapping;
 
-/// Hashes of the inputs of a deep framebuffer. Lights are an input only if their edges are anti-aliased. Names are none,
-/// but for those of emitters; neither are materials and textures that no surface has.
+/// Hashes of the inputs of a deep framebuffer. Lights are an input only if their edges are anti-aliased. Names are
+/// none, but for those of emitters; neither are materials and textures that no surface has.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Inputs {
     /// Of relume and of the file format.

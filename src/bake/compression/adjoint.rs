@@ -20,8 +20,8 @@ pub struct Adjoint<'a> {
 }
 
 impl Adjoint<'_> {
-    /// Significant Haar terms, ascending, and their products with the vectors of `basis`. The squares of the omitted terms
-    /// sum to about `negligible`. The squared error of light after further bounces is about as much at most.
+    /// Significant Haar terms, ascending, and their products with the vectors of `basis`. The squares of the omitted
+    /// terms sum to about `negligible`. The squared error of light after further bounces is about as much at most.
     pub fn terms(&self, basis: MatRef<f64>, negligible: f64) -> (Vec<u32>, VectorBatch) {
         let Inputs { bounces, haar, .. } = self.inputs;
         // One for all panels: it is large.
@@ -96,7 +96,8 @@ impl Adjoint<'_> {
     }
 
     /// The fewest orthonormal combinations of the vectors such that light after further bounces has squares of at most
-    /// `negligible` outside their span: vectors x combinations. `further` has what multiplies such light, of each vector.
+    /// `negligible` outside their span: vectors x combinations. `further` has what multiplies such light, of each
+    /// vector.
     fn mixtures(&self, further: &VectorBatch, negligible: f64) -> Mat<f32> {
         let Inputs { bounces, combinations, .. } = self.inputs;
         let mut gram = Mat::<f64>::zeros(further.count, further.count);

@@ -361,8 +361,8 @@ const NEGLIGIBLE_SHARE: f64 = 0.01;
 const TERMS: usize = 512;
 /// Training lights that predict omitted terms, the first of all.
 pub const RIDGE_LIGHTS: usize = 128;
-/// Ridge regularization against overfitting to few lights, as a share of the sum of their squares. Ten times as much loses
-/// light (docs/accuracy.md, "Training lights").
+/// Ridge regularization against overfitting to few lights, as a share of the sum of their squares. Ten times as much
+/// loses light (docs/accuracy.md, "Training lights").
 const RIDGE: f64 = 1e-4;
 
 /// The retained part of a basis.

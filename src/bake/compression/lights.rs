@@ -15,7 +15,8 @@ use crate::shared::PackedLight;
 pub enum Kind {
     /// Of the sky, a broad glow.
     Point,
-    /// Of the sky, a lamp in it. Half of the spots near a surface shine along it, all others towards a point of some surface.
+    /// Of the sky, a lamp in it. Half of the spots near a surface shine along it, all others towards a point of some
+    /// surface.
     Spot,
 }
 

@@ -10,8 +10,8 @@
 //! ```
 //!
 //! λ̂ are the [Haar terms](haar) of direct light, J the terms that are significant for the supercluster. Most terms are
-//! multiplied by tints first (`chain.rs`). The same for light of the sky (`operator.rs`). Differs from [Hasan 2006]: nested bases instead of wavelets chosen per
-//! row.
+//! multiplied by tints first (`chain.rs`). The same for light of the sky (`operator.rs`). Differs from [Hasan 2006]:
+//! nested bases instead of wavelets chosen per row.
 
 mod adjoint;
 pub mod bounces;
@@ -261,8 +261,8 @@ impl<'a> Compressor<'a> {
         Ok(Compressed { chain: chain.finish(), emission, report: errors.report() })
     }
 
-    /// Fits ranges of tiles; `bytes` are those of all other factors. `progress` counts the view samples of fits that are
-    /// accurate enough.
+    /// Fits ranges of tiles; `bytes` are those of all other factors. `progress` counts the view samples of fits that
+    /// are accurate enough.
     fn fit_all(
         &self,
         ranges: &[Range<usize>],
@@ -413,8 +413,8 @@ const ROWS_AT_ONCE: usize = 512;
 const RESAMPLED_ROWS: usize = 128;
 /// View samples from which the brightness of a light's image is estimated.
 const PROBES: usize = 512;
-/// Rows of each supercluster that tell what its fit takes, and how many entries cost as much as all that does not depend
-/// on their number (docs/farm.md, "Equal parts").
+/// Rows of each supercluster that tell what its fit takes, and how many entries cost as much as all that does not
+/// depend on their number (docs/farm.md, "Equal parts").
 const COST_ROWS: usize = 32;
 const ENTRIES_A_ROW: f64 = 3000.0;
 /// Random combinations of lights, in each channel, whose images span those of all lights.

@@ -7,8 +7,8 @@ use crate::bake::transport::rows::RowGatherer;
 use crate::bake::transport::{LightTransport, sky};
 use crate::physics::sky_cells;
 
-/// The transform of the sky's columns. Straight light and that of mirrors do not mix, so that where there is only one of
-/// them, the other adds nothing.
+/// The transform of the sky's columns. Straight light and that of mirrors do not mix, so that where there is only one
+/// of them, the other adds nothing.
 pub fn sky_haar() -> Haar {
     Haar::new(&sky::FIRST[..=sky_cells::COUNT]).twice(sky_cells::COUNT as u32)
 }
@@ -17,8 +17,8 @@ pub fn sky_haar() -> Haar {
 #[derive(Clone, Copy)]
 pub struct Operator<'a> {
     pub transport: &'a LightTransport<'a>,
-    /// [`LightTransport::from_sky`], for light of the sky with [`sky::COLUMNS`] coefficients. `None` for direct light at
-    /// the fine level.
+    /// [`LightTransport::from_sky`], for light of the sky with [`sky::COLUMNS`] coefficients. `None` for direct light
+    /// at the fine level.
     pub from_sky: Option<&'a CsrMatrix>,
 }
 

@@ -131,7 +131,8 @@ impl<'a> Random<'a> {
 
 impl Bounced {
     /// `count` random combinations with the covariance of these lights. Those of the channels are independent: one
-    /// combination has nearly the same image in all channels, so the images would span hardly more than those of a channel.
+    /// combination has nearly the same image in all channels, so the images would span hardly more than those of a
+    /// channel.
     pub fn combine(&self, count: usize, seed: u64) -> Self {
         Self { direct: combine(&self.direct, count, seed), further: combine(&self.further, count, seed) }
     }

@@ -1,5 +1,5 @@
-//! Pixels that need more than one sample: surface, normal or visibility differs between neighbouring pixels, or only one
-//! of them shows a light itself.
+//! Pixels that need more than one sample: surface, normal or visibility differs between neighbouring pixels, or only
+//! one of them shows a light itself.
 
 use glam::Vec3;
 use rayon::prelude::*;

@@ -94,8 +94,8 @@ impl LightRays {
         }
     }
 
-    /// Ray `i` of a spherical Fibonacci lattice [Keinert 2015]: all rays represent equal solid angles. Contributes to each
-    /// surface up to the first that casts a shadow.
+    /// Ray `i` of a spherical Fibonacci lattice [Keinert 2015]: all rays represent equal solid angles. Contributes to
+    /// each surface up to the first that casts a shadow.
     fn cast(
         &self,
         scene: LinkedScene,

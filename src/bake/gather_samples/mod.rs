@@ -100,8 +100,8 @@ struct Candidate {
     triangle: u32,
     /// The area it represents, in mesh space.
     area: f64,
-    /// Light that reaches the picture from that area: its weight in the sample's averages. Hidden surfaces hardly darken
-    /// visible ones.
+    /// Light that reaches the picture from that area: its weight in the sample's averages. Hidden surfaces hardly
+    /// darken visible ones.
     light: f64,
     surface: SurfacePoint,
 }

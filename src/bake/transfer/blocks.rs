@@ -372,7 +372,8 @@ impl BlockMatrix {
     }
 }
 
-/// Maximum bytes of factors: half of what the 32-bit offsets of panels and slices reach, as columns and rows are padded.
+/// Maximum bytes of factors: half of what the 32-bit offsets of panels and slices reach, as columns and rows are
+/// padded.
 const MAX_BYTES: u64 = 1 << 35;
 
 /// Refuses a transfer whose factors have more bytes than offsets can address.

@@ -34,7 +34,8 @@ use crate::trace::packet::SamplePacket;
 pub struct Transfer {
     /// Samples of our method; empty for the thesis's.
     pub samples: Vec<LightSample>,
-    /// Whether the kernel that shades them handles all harmonics although no sample has so many. Not stored in the cache.
+    /// Whether the kernel that shades them handles all harmonics although no sample has so many. Not stored in the
+    /// cache.
     pub all_degrees: bool,
     /// Samples of the thesis's method, with the tables of k that they refer to; empty for ours.
     pub factored: Vec<FactoredSample>,

@@ -7,8 +7,8 @@ use crate::error::Result;
 use crate::storage::journal::Journal;
 
 impl Transfer {
-    /// Our operator, compressed. Fits found in `journal` are reused. `progress` counts view samples. Fails once there are
-    /// more factors than offsets can address.
+    /// Our operator, compressed. Fits found in `journal` are reused. `progress` counts view samples. Fails once there
+    /// are more factors than offsets can address.
     pub fn nested(
         transfer: &LightTransport,
         settings: &CompressionSettings,

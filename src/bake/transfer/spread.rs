@@ -20,8 +20,8 @@ const NORMAL: f32 = 0.02;
 const MATERIAL: f32 = 0.1;
 
 impl Transfer {
-    /// Extends this transfer from the view samples of `from`, one per pixel, to those of `to`, the same picture with more
-    /// samples. `radius` is the scene's. Returns a new transfer: the rows of the last matrix and the emission are
+    /// Extends this transfer from the view samples of `from`, one per pixel, to those of `to`, the same picture with
+    /// more samples. `radius` is the scene's. Returns a new transfer: the rows of the last matrix and the emission are
     /// taken from the most similar samples of `from`, `coarse` is empty, and everything else is a copy. A sample
     /// without a similar one gets no indirect light. `None` for row wavelets, which have no blocks.
     pub fn spread(&self, from: &DeepFramebuffer, to: &DeepFramebuffer, radius: f32) -> Option<Self> {
@@ -45,8 +45,8 @@ impl Transfer {
     }
 }
 
-/// For each view sample of `to`, the sample of `from` whose indirect light it uses: that of its pixel, or for extra ones the
-/// most similar.
+/// For each view sample of `to`, the sample of `from` whose indirect light it uses: that of its pixel, or for extra
+/// ones the most similar.
 fn sources(from: &DeepFramebuffer, to: &DeepFramebuffer, radius: f32) -> Vec<Option<u32>> {
     let similar = Similar::new(from, to, radius);
     let pixels = to.pixel_stride() as u32;
@@ -86,8 +86,8 @@ impl<'a> Similar<'a> {
         Self { from, to, radius, extras }
     }
 
-    /// The sample of `from`, in this pixel or beside it, that is most similar to a sample of `to` in a layer; `None` if none
-    /// reflects light.
+    /// The sample of `from`, in this pixel or beside it, that is most similar to a sample of `to` in a layer; `None` if
+    /// none reflects light.
     pub fn most_similar(&self, pixel: u32, sample: u32, layer: u32) -> Option<u32> {
         let Self { from, to, radius, extras } = self;
         if to.samples[sample as usize].brdf == NO_BRDF {

@@ -1,8 +1,8 @@
-//! Indirect light baked to a small picture, for a larger one of the same view: joint bilateral upsampling [Kopf 2007] as
-//! one more matrix.
+//! Indirect light baked to a small picture, for a larger one of the same view: joint bilateral upsampling [Kopf 2007]
+//! as one more matrix.
 //!
-//! What is interpolated is the light that surfaces get: each row is scaled by how much more its surface reflects than the
-//! surfaces of the small picture, so that textures stay sharp.
+//! What is interpolated is the light that surfaces get: each row is scaled by how much more its surface reflects than
+//! the surfaces of the small picture, so that textures stay sharp.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -30,8 +30,8 @@ type Row = Vec<(u32, Vec3)>;
 
 impl Transfer {
     /// Extends this transfer from the view samples of `from`, one per pixel, to those of `to`, the same view with more
-    /// pixels. `radius` is the scene's. The vector holds the light of the samples of `from`, and a matrix more interpolates
-    /// it. Without light of the sky. `None` for row wavelets, which have no blocks.
+    /// pixels. `radius` is the scene's. The vector holds the light of the samples of `from`, and a matrix more
+    /// interpolates it. Without light of the sky. `None` for row wavelets, which have no blocks.
     pub fn upsampled(&self, from: &DeepFramebuffer, to: &DeepFramebuffer, radius: f32) -> Option<Self> {
         let (last, inner) = self.chain.split_last()?;
         let rows = rows(from, to, radius);

@@ -4,8 +4,9 @@
 //! Gathered rows conserve energy from the view of the receiver, but not of the sender: column sums are inaccurate, and
 //! so is the light in a bright closed room. Therefore the geometric factors F are balanced. F is the share of a
 //! sample's rays that hit each other sample directly or through mirrors. Rows and columns are scaled until each sample
-//! receives the share of its rays that hit a surface and, by reciprocity, sends as much [Sinkhorn 1967]. Where the numbers
-//! of rays that hit the areas of samples contradict reciprocity, column sums are corrected towards these numbers.
+//! receives the share of its rays that hit a surface and, by reciprocity, sends as much [Sinkhorn 1967]. Where the
+//! numbers of rays that hit the areas of samples contradict reciprocity, column sums are corrected towards these
+//! numbers.
 
 use std::collections::BTreeMap;
 use std::f32::consts::PI;
@@ -33,8 +34,8 @@ const BALANCED: f64 = 1e-9;
 /// Number of functions of a sending sample that are used: light is smoother after a further bounce, and the first
 /// function has all energy.
 const MAX_SENT: u32 = 16;
-/// Relative standard deviation between a sample's area and the area of the surface nearest to it: cells and clusters have
-/// different borders. In a closed box it is 0.13.
+/// Relative standard deviation between a sample's area and the area of the surface nearest to it: cells and clusters
+/// have different borders. In a closed box it is 0.13.
 const MISFIT: f64 = 0.15;
 /// Maximum scale of a row or column, and inverse of the minimum: columns hit by hardly any ray stay small.
 const MAX_SCALE: f64 = 8.0;
@@ -296,8 +297,8 @@ fn scale_to(values: &mut [f64], sum: f64) {
     }
 }
 
-/// Corrects the column sums `expected`, which follow from reciprocity, with the sums `found` by rays. The samples' areas
-/// are wrong where others see only part of them, as in the folds of a sofa. The sums found are noisy: each ray
+/// Corrects the column sums `expected`, which follow from reciprocity, with the sums `found` by rays. The samples'
+/// areas are wrong where others see only part of them, as in the folds of a sofa. The sums found are noisy: each ray
 /// contributes `ray`. So sums over all samples are compared, then over halves, quarters and so on. At each depth they
 /// take a share of the differences. The share is larger if noise explains less of them, similar to [Efron 1973].
 fn correct(expected: &mut [f64], found: &[f64], ray: f64) {
@@ -311,7 +312,8 @@ fn correct(expected: &mut [f64], found: &[f64], ray: f64) {
             squares += weight * (found_sum - sum).powi(2);
             variances += weight * (ray * sum + misfit);
         }
-        // Without the square, areas that are clearly wrong would keep too much weight (docs/accuracy.md, "Column sums").
+        // Without the square, areas that are clearly wrong would keep too much weight (docs/accuracy.md, "Column
+        // sums").
         let share = if squares > variances { 1.0 - (variances / squares).powi(2) } else { 0.0 };
         for node in &nodes {
             let [sum, found_sum] = [&*expected, found].map(|sums| sums[node.clone()].iter().sum::<f64>());

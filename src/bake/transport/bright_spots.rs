@@ -1,8 +1,8 @@
 //! Surfaces so bright that rays find their light too seldom: small ones beside a lamp, as the inside of its can.
 //!
 //! Rows find surfaces by chance. If one is small and much brighter than all others, few rows find it, and those get too
-//! much: white dots. So the light of such gather samples is taken out of what rows multiply, and is estimated as that of
-//! emitters is, also by points on the surfaces that read the samples.
+//! much: white dots. So the light of such gather samples is taken out of what rows multiply, and is estimated as that
+//! of emitters is, also by points on the surfaces that read the samples.
 
 use glam::{DVec3, Vec3};
 
@@ -40,8 +40,8 @@ fn brightness(coefficients: &[DVec3]) -> f64 {
 const BRIGHT: f64 = 0.05;
 
 impl<'a> BrightSpots<'a> {
-    /// Moves the coefficients of bright samples out of `radiance`, the level's. `rays`: number of rays of a row. `None` if no
-    /// sample is bright.
+    /// Moves the coefficients of bright samples out of `radiance`, the level's. `rays`: number of rays of a row. `None`
+    /// if no sample is bright.
     pub fn taken_from(radiance: &mut [DVec3], level: &'a Level, scene: &Scene, rays: u32) -> Option<Self> {
         let samples = &level.samples.samples;
         let bright: Vec<f64> = (0..samples.len()).map(|i| brightness(&radiance[level.coefficients(i)])).collect();
@@ -91,8 +91,8 @@ impl<'a> BrightSpots<'a> {
         std::ptr::eq(self.level, level)
     }
 
-    /// Draws a point: the unit direction to it, its RGB radiance, and the density per solid angle. `None` if the receiver
-    /// does not see it. `u`: uniform in 0..1.
+    /// Draws a point: the unit direction to it, its RGB radiance, and the density per solid angle. `None` if the
+    /// receiver does not see it. `u`: uniform in 0..1.
     pub fn draw(&self, scene: &TracedScene, receiver: &Receiver, u: [f64; 3]) -> Option<(Vec3, DVec3, f64)> {
         let at = self.cells.partition_point(|cell| cell.running <= u[0]);
         let cell = self.cells.get(at).or(self.cells.last())?;

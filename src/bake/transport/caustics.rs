@@ -1,7 +1,7 @@
 //! Caustics: light of emitters that mirrors throw onto surfaces, by photons [Jensen 1996].
 //!
-//! Rays from a surface find it rarely, if a small mirror throws light of a small emitter: few pixels get a lot. So photons
-//! go from the emitters to the mirrors, and a surface takes the density of those that land around it.
+//! Rays from a surface find it rarely, if a small mirror throws light of a small emitter: few pixels get a lot. So
+//! photons go from the emitters to the mirrors, and a surface takes the density of those that land around it.
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;

@@ -2,9 +2,9 @@
 //!
 //! Emitters may be small and bright, so their light on view samples and on gather samples is estimated from both sides:
 //! by points on the emitters, and by directions that surfaces reflect. The balance heuristic weighs them [Veach 1995,
-//! Eq. 9]. Light that comes from an emitter by mirrors is left to [`Caustics`], except in narrow lobes. What gather samples
-//! reflect then takes the way of all direct light, but for [`BrightSpots`], which are sources like emitters; in mirrors
-//! they are found by directions alone.
+//! Eq. 9]. Light that comes from an emitter by mirrors is left to [`Caustics`], except in narrow lobes. What gather
+//! samples reflect then takes the way of all direct light, but for [`BrightSpots`], which are sources like emitters; in
+//! mirrors they are found by directions alone.
 
 use std::borrow::Cow;
 
@@ -48,12 +48,13 @@ pub struct EmitterLight {
 pub struct Emitted<'a> {
     /// `None` if nothing emits light.
     view: Option<View<'a>>,
-    /// Of each emitter: what the rows of Φ are multiplied by for light that was reflected before, bright spots left out.
+    /// Of each emitter: what the rows of Φ are multiplied by for light that was reflected before, bright spots left
+    /// out.
     operands: Vec<Vec<DVec3>>,
 }
 
-/// [`Emitted`] in a file: photons of each emitter, operands, and bright spots: their emitter, whether they are of the fine
-/// level, and their coefficients.
+/// [`Emitted`] in a file: photons of each emitter, operands, and bright spots: their emitter, whether they are of the
+/// fine level, and their coefficients.
 #[derive(Default, Serialize, Deserialize)]
 pub struct StoredEmitted<'a> {
     photons: Vec<StoredPhotons>,
@@ -107,8 +108,8 @@ struct Search<'a> {
     random: Points,
 }
 
-/// Rays from a view sample to points of each source: this number divided by that of emitters, within bounds; and rays in
-/// directions that it reflects.
+/// Rays from a view sample to points of each source: this number divided by that of emitters, within bounds; and rays
+/// in directions that it reflects.
 const AIMED_RAYS: usize = 256;
 const AIMED_RAYS_EACH: [usize; 2] = [16, 64];
 const LOBE_RAYS: usize = 256;
@@ -265,8 +266,8 @@ impl Search<'_> {
 }
 
 impl Source<'_> {
-    /// Draws a point: the unit direction to it, its RGB radiance, and the density per solid angle. `None` if the receiver
-    /// does not see it. `u`: uniform in 0..1.
+    /// Draws a point: the unit direction to it, its RGB radiance, and the density per solid angle. `None` if the
+    /// receiver does not see it. `u`: uniform in 0..1.
     fn draw(&self, scene: &TracedScene, receiver: &Receiver, u: [f64; 3]) -> Option<(DVec3, DVec3, f64)> {
         match &self.surface {
             Surface::Emitting(triangles) => {

@@ -29,8 +29,9 @@ const PARTS: usize = 8;
 const NO_LIGHT: u8 = (PARTS * PARTS) as u8;
 
 impl Fan {
-    /// Draws one ray for each of `points`, in mesh space. `sample` is the index of the view sample. `normal` and `wo` are unit, `specular` is the share of
-    /// directions from the specular lobe, [`crate::physics::brdf::Lobes::specular_share`].
+    /// Draws one ray for each of `points`, in mesh space. `sample` is the index of the view sample. `normal` and `wo`
+    /// are unit, `specular` is the share of directions from the specular lobe,
+    /// [`crate::physics::brdf::Lobes::specular_share`].
     pub fn draw(
         &mut self,
         brdf: &Brdf,
@@ -55,8 +56,8 @@ impl Fan {
         trace_common_origin(paths.scene, origin, &mut self.packets);
     }
 
-    /// Of each ray its index among the points, the weight of its radiance, its direction, and once it is traced, its hit
-    /// and whether that is from behind.
+    /// Of each ray its index among the points, the weight of its radiance, its direction, and once it is traced, its
+    /// hit and whether that is from behind.
     #[inline(always)]
     pub fn rays(&self) -> impl Iterator<Item = (u32, Vec3, Vec3, Option<(Hit, bool)>)> {
         self.rays.iter().enumerate().map(|(i, &(ray, weight))| {

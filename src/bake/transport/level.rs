@@ -75,8 +75,8 @@ impl Level {
         self.cells.index(place).map_or_else(Cell::default, |index| *self.cells.get(index))
     }
 
-    /// The radiance from a `cell` towards `wo`: calls `read` with each contributing sample, its weight, the index of its
-    /// first coefficient, and the values of its functions.
+    /// The radiance from a `cell` towards `wo`: calls `read` with each contributing sample, its weight, the index of
+    /// its first coefficient, and the values of its functions.
     #[inline(always)]
     pub fn read(&self, cell: &Cell, wo: Vec3, mut read: impl FnMut(usize, f32, u32, &[f32])) {
         let mut values = [0.0; MAX_FUNCTIONS];

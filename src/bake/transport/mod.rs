@@ -241,7 +241,8 @@ impl<'a> LightTransport<'a> {
         RowGatherer { sky: true, levels: vec![self.bouncing()], rays, ..self.row_gatherer(lobe) }
     }
 
-    /// G_cs: what gather samples reflect of the light of the [sky]. `None` if hardly any of their rays leaves the scene.
+    /// G_cs: what gather samples reflect of the light of the [sky]. `None` if hardly any of their rays leaves the
+    /// scene.
     pub fn from_sky(&self) -> Option<CsrMatrix> {
         let gatherer = bounce_gatherer(self.scene, &self.settings, self.bouncing());
         let rows = gatherer.gather_sky();
@@ -261,8 +262,8 @@ impl<'a> LightTransport<'a> {
         self.bounce_times(direct, self.settings.bounces)
     }
 
-    /// Adds light that samples of the level among which light bounces on reflect, and its `bounces` there, to an operand of
-    /// Φ.
+    /// Adds light that samples of the level among which light bounces on reflect, and its `bounces` there, to an
+    /// operand of Φ.
     fn add_reflected(&self, operand: &mut [DVec3], reflected: &[DVec3], bounces: Option<u32>) {
         let sum = match bounces {
             Some(bounces) => solve::sum_of_powers(&self.bounce_matrix, reflected, bounces),
@@ -306,8 +307,8 @@ impl<'a> LightTransport<'a> {
         channels.try_into().expect("there are three")
     }
 
-    /// Of each channel the matrix that maps light at the level among whose samples light bounces on to all bounces there;
-    /// where their number is limited, to `terms` of them.
+    /// Of each channel the matrix that maps light at the level among whose samples light bounces on to all bounces
+    /// there; where their number is limited, to `terms` of them.
     pub fn resolvents(&self, terms: u32) -> Arc<[Mat<f32>; 3]> {
         let all = self.settings.bounces.is_none();
         let make = || {

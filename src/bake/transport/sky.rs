@@ -1,12 +1,13 @@
-//! Light of the sky: its [cells](sky_cells) send light as gather samples do, with one coefficient each, the mean radiance.
+//! Light of the sky: its [cells](sky_cells) send light as gather samples do, with one coefficient each, the mean
+//! radiance.
 //!
 //! ```text
 //! light of a sky e = (D + Φ_c (I - G_cc)⁻¹ G_cs) e
 //! ```
 //!
 //! D is what view samples receive from the sky, G_cs what gather samples of the coarse level do, or those of the only
-//! level. Both have two columns for each cell: one for rays that leave the scene straight, and one for those that left it
-//! by mirrors.
+//! level. Both have two columns for each cell: one for rays that leave the scene straight, and one for those that left
+//! it by mirrors.
 
 use std::sync::LazyLock;
 

@@ -93,8 +93,8 @@ fn correct(g: &CsrMatrix, r: &[DVec3], size: DVec3, goal: DVec3, x: &mut [DVec3]
 /// (I - G)⁻¹ = I + G + G² + ... of one channel, factorized; or its first terms, which have no factorization, where the
 /// number of bounces is limited.
 ///
-/// For many right sides, but only for few coefficients: takes n² numbers in double precision. [`solve`] reads nothing but
-/// the sparse G, again for each light.
+/// For many right sides, but only for few coefficients: takes n² numbers in double precision. [`solve`] reads nothing
+/// but the sparse G, again for each light.
 pub enum Resolvent {
     Inverse(Lu),
     /// G.
@@ -127,8 +127,8 @@ impl Resolvent {
         }
     }
 
-    /// The operator as a matrix of `n` rows. Products with it take half the time of those with the factorization, and their
-    /// rounding errors are far below those of factors in half precision.
+    /// The operator as a matrix of `n` rows. Products with it take half the time of those with the factorization, and
+    /// their rounding errors are far below those of factors in half precision.
     pub fn matrix(&self, n: usize, terms: u32) -> Mat<f32> {
         let mut matrix = Mat::<f32>::identity(n, n);
         matrix.par_col_chunks_mut(COLUMNS_AT_ONCE).for_each(|mut columns| {

@@ -21,7 +21,8 @@ use crate::cli::percentile::median;
 use crate::cli::progress::Terminal;
 use crate::cli::transfer::{Basis, FormName, Gi, MethodName, TransferOptions};
 
-/// Singular values of the thesis's glossy method: more do not fit most machines, since every pair of samples has an entry.
+/// Singular values of the thesis's glossy method: more do not fit most machines, since every pair of samples has an
+/// entry.
 const THESIS_TERMS: usize = 4;
 /// With 2,304 each bake of cornell-glossy took 2.8 times as long, and five scenes near three hours.
 const USUAL_GATHER: u32 = 1024;
@@ -218,8 +219,8 @@ impl Lab<'_> {
         }))
     }
 
-    /// A picture after the first light has moved: mean CPU time, with that of the device's own passes where it is none of the
-    /// CPU's, and median wall clock.
+    /// A picture after the first light has moved: mean CPU time, with that of the device's own passes where it is none
+    /// of the CPU's, and median wall clock.
     fn frame(&self, relighter: &mut Relighter) -> Result<Seconds> {
         let Some(original) = self.session.rig.lights.first() else { return Ok(Seconds::default()) };
         let mut rig = self.session.rig.clone();

@@ -44,7 +44,8 @@ impl Lab<'_> {
         let view = ViewOptions { size, ..self.view.clone() };
         let gather = (!whole).then(|| self.usual_gather_samples());
         let planned = ours(gather, 1024, 0.01, FormName::Auto);
-        // Its bake takes minutes and is not timed: a report that was interrupted while it timed edits need not repeat it.
+        // Its bake takes minutes and is not timed: a report that was interrupted while it timed edits need not repeat
+        // it.
         let cache_dir = self.cache_dir.clone();
         let settings = SessionSettings { cache_dir, ..session_settings(&view, Some(&planned), self.target())? };
         let session = Session::open(self.path, self.rig_path, &settings, &Terminal::default())?;

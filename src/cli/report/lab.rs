@@ -140,8 +140,8 @@ impl<'a> Lab<'a> {
         Truth::get(&file, &self.session, &self.view, self.extent.truth)
     }
 
-    /// Direct light, truth, ours, path tracing in the nearest time, the thesis's, and where these differ from the truth: Figures
-    /// 5.3 and 5.5 of the thesis.
+    /// Direct light, truth, ours, path tracing in the nearest time, the thesis's, and where these differ from the
+    /// truth: Figures 5.3 and 5.5 of the thesis.
     fn pictures(&self, truth: &Truth) -> Result<Vec<Picture>> {
         let (width, height) = self.session.size();
         let Some(exposure) = truth.exposure() else { return Ok(Vec::new()) };

@@ -26,8 +26,8 @@ use super::stdout::out;
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// Scenes: .glb, .gltf or .obj files [default: some of the folder `scenes`, the furnished room if it was made, and those of
-    /// the thesis if RELUME_SHARED or ../shared has them].
+    /// Scenes: .glb, .gltf or .obj files [default: some of the folder `scenes`, the furnished room if it was made, and
+    /// those of the thesis if RELUME_SHARED or ../shared has them].
     #[arg(value_name = "SCENE")]
     scenes: Vec<PathBuf>,
     /// Folder to write: index.html, CSV files, pictures. Measurements that are in it already are not repeated.

@@ -94,8 +94,8 @@ impl Lab<'_> {
         Ok(self.growth("triangles", &self.as_seen(), bakes.into_iter().chain(costs).collect()))
     }
 
-    /// Layers of the deep framebuffer, one behind the other in mirrors; absent where there are none. Measured unless they
-    /// were before.
+    /// Layers of the deep framebuffer, one behind the other in mirrors; absent where there are none. Measured unless
+    /// they were before.
     pub fn against_layers(&mut self) -> Result<Option<Growth>> {
         if self.session.layers().iter().skip(1).all(|&samples| samples == 0) {
             return Ok(None);

@@ -108,8 +108,8 @@ impl Lab<'_> {
     }
 }
 
-/// How far single precision, and factors in half precision, are from double precision: relative root mean square of what the
-/// camera sees after all bounces.
+/// How far single precision, and factors in half precision, are from double precision: relative root mean square of
+/// what the camera sees after all bounces.
 fn precision(transfer: &LightTransport, framebuffer: &DeepFramebuffer, direct: &[DVec3]) -> [f64; 2] {
     let seen: Vec<u32> = (0..framebuffer.samples.len() as u32).collect();
     let rows = transfer.rows(&seen, Lobe::All);

@@ -1,5 +1,5 @@
-//! Table 5.1 and Figures 5.1 and 5.2 of the thesis: previews beside final pictures, direct light and reflections; and Figure 5.4,
-//! indirect light by glossy lobes alone. Those of Figures 5.3 and 5.5 are among each scene's own.
+//! Table 5.1 and Figures 5.1 and 5.2 of the thesis: previews beside final pictures, direct light and reflections; and
+//! Figure 5.4, indirect light by glossy lobes alone. Those of Figures 5.3 and 5.5 are among each scene's own.
 
 use std::path::{Path, PathBuf};
 
@@ -49,7 +49,8 @@ pub fn measure_all(args: &Args, extent: &Extent, kept: &mut MeasurementStore) ->
     Ok(thesis)
 }
 
-/// Figure 5.4: without diffuse lobes, indirect light times 4; none where there is none. Comes with what was not measured.
+/// Figure 5.4: without diffuse lobes, indirect light times 4; none where there is none. Comes with what was not
+/// measured.
 pub fn glossy_alone(
     path: &Path,
     args: &Args,

@@ -118,7 +118,8 @@ impl Truth {
             squares += ab;
             sum += (0..3).map(|c| f64::from(a[c] + b[c]) / 2.0).sum::<f64>();
             variance += own;
-            // A square of such an estimate is three times that of what it estimates, were the noise normal; channels share it.
+            // A square of such an estimate is three times that of what it estimates, were the noise normal; channels
+            // share it.
             fourth += own * own / 3.0;
         }
         let flip = self.against(&self.halves[0], "").figures(CompareSettings::default()).flip_floor;

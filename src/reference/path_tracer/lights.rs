@@ -129,8 +129,8 @@ impl ActiveLights {
         })
     }
 
-    /// Estimates the sum of lights without size from one, chosen with probability proportional to its unshadowed irradiance. The mean
-    /// over uniform `choice` in [0, 1) is the sum.
+    /// Estimates the sum of lights without size from one, chosen with probability proportional to its unshadowed
+    /// irradiance. The mean over uniform `choice` in [0, 1) is the sum.
     pub fn reflect_one(
         &self,
         scene: &TracedScene,

@@ -6,8 +6,8 @@ use super::{LightCache, Plan, Source, Step, Term};
 use crate::scene::Rig;
 
 impl LightCache {
-    /// Sets what is added to the complete images of the lights, by number of the change: see [`Source::Change`]. `change`
-    /// gets the rig and the index of a light.
+    /// Sets what is added to the complete images of the lights, by number of the change: see [`Source::Change`].
+    /// `change` gets the rig and the index of a light.
     pub fn set_changes(&mut self, change: impl Fn(&Rig, usize) -> Option<u64>) {
         for light in 0..self.leaf_of.len() {
             let (leaf, change) = (self.leaf_of[light], change(&self.rig, light));

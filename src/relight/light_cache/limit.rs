@@ -100,8 +100,8 @@ impl LightCache {
         leaves
     }
 
-    /// Appends the leaves below `node` that have no image to `missing`, and those whose images can get more points now to
-    /// `incomplete`.
+    /// Appends the leaves below `node` that have no image to `missing`, and those whose images can get more points now
+    /// to `incomplete`.
     fn find_incomplete(&self, node: usize, missing: &mut Vec<usize>, incomplete: &mut Vec<usize>) {
         let Node { slot, changed, coarse, children, light, .. } = self.nodes[node];
         match light {

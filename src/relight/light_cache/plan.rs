@@ -23,7 +23,8 @@ pub enum Source {
     SomePoints,
     /// The image of a light with a size when it had fewer points.
     Checkpoint,
-    /// What final gathering adds to the image of a light, by its number; see [`LightChanges`](super::super::LightChanges).
+    /// What final gathering adds to the image of a light, by its number; see
+    /// [`LightChanges`](super::super::LightChanges).
     Change(u64),
 }
 
@@ -32,8 +33,8 @@ pub enum Source {
 pub enum Detail {
     #[default]
     Exact,
-    /// As exact, but lights with a size begin with interleaved points, and each picture adds some points: the next one is
-    /// better.
+    /// As exact, but lights with a size begin with interleaved points, and each picture adds some points: the next one
+    /// is better.
     Progressive,
     /// Fast: one shadow ray per four samples if rays are traced, interleaved points, and only a part of the compressed
     /// transfer.

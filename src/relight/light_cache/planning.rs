@@ -100,8 +100,8 @@ impl LightCache {
         plan
     }
 
-    /// Plans a part of the image of one light: all of it if the light has no size, else at most `most` times some of its
-    /// points.
+    /// Plans a part of the image of one light: all of it if the light has no size, else at most `most` times some of
+    /// its points.
     pub fn plan_part(&mut self, light: usize, most: u32) -> Plan {
         self.clock += 1;
         self.compared = self.compared.filter(|&compared| compared == self.leaf_of[light]);
@@ -190,8 +190,8 @@ impl LightCache {
         if kept > 0.0 { vec![rest] } else { Vec::new() }
     }
 
-    /// Plans `node`'s image unless it is valid. Only the leaves of `advances` get images or more points. Returns its slot,
-    /// or `None` if no light below the node has an image, and the number of lights that lack one.
+    /// Plans `node`'s image unless it is valid. Only the leaves of `advances` get images or more points. Returns its
+    /// slot, or `None` if no light below the node has an image, and the number of lights that lack one.
     fn ensure_image(&mut self, node: usize, advances: &Advances, steps: &mut Vec<Step>) -> (Option<usize>, usize) {
         let Node { slot, changed, children, light, lacking, .. } = self.nodes[node];
         if let Some(light) = light {

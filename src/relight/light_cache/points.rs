@@ -8,8 +8,8 @@ use crate::scene::{Light, LightKind};
 /// Points of the lattices of a light with a size: those of each join those before. The last one is for domes alone, of
 /// which a room with a window sees little.
 const LATTICES: [u32; 3] = [256, 1024, 4096];
-/// Points after which the image of a light with a size is kept, for a comparison at the next number. The first points of a
-/// lattice, a power of two of them, are spread evenly.
+/// Points after which the image of a light with a size is kept, for a comparison at the next number. The first points
+/// of a lattice, a power of two of them, are spread evenly.
 const CHECKPOINTS: [u32; 6] = [128, 256, 512, 1280, 2304, 5376];
 /// An image has enough points if from one checkpoint to the next it changed by less: root mean square, relative to the
 /// image.
@@ -122,8 +122,8 @@ impl LightCache {
         needed.into_iter().chain(next).min().expect("no image has the points of all lattices and lacks some")
     }
 
-    /// Tells what a [`Step::Compare`] found: how much the image of a light changed since the checkpoint before; root mean
-    /// square, relative to the image.
+    /// Tells what a [`Step::Compare`] found: how much the image of a light changed since the checkpoint before; root
+    /// mean square, relative to the image.
     pub fn set_change(&mut self, light: usize, change: f32) {
         let node = &mut self.nodes[self.leaf_of[light]];
         let lattices = if self.rig.lights[light].kind == LightKind::Dome { &LATTICES[..] } else { &LATTICES[..2] };

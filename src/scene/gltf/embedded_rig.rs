@@ -1,5 +1,5 @@
-//! The exact rig that export stores next to the glTF lights: groups, followers, links, switches and everything else that
-//! glTF cannot represent. It is used only while the file's lights agree with it.
+//! The exact rig that export stores next to the glTF lights: groups, followers, links, switches and everything else
+//! that glTF cannot represent. It is used only while the file's lights agree with it.
 
 use std::collections::HashMap;
 

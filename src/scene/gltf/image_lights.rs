@@ -76,8 +76,8 @@ impl Document {
         Ok(Attached::new(&path_in_file(&self.path, index), &bytes, map))
     }
 
-    /// The rotation of light `index` in two parts: radians about the vertical by which its dome is turned, and what turns
-    /// and mirrors directions of the map into those of the cube.
+    /// The rotation of light `index` in two parts: radians about the vertical by which its dome is turned, and what
+    /// turns and mirrors directions of the map into those of the cube.
     fn rotation(&self, index: usize) -> Result<(f64, DMat3)> {
         let rotation = DQuat::from_array(self.image_lights()[index].rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]));
         if !rotation.length_squared().is_normal() {

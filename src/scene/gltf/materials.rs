@@ -180,8 +180,8 @@ impl<'a> Materials<'a> {
         Ok(material)
     }
 
-    /// `KHR_materials_pbrSpecularGlossiness` of older files, in place of metallic-roughness. Metals are dielectrics whose
-    /// reflectance is a colour.
+    /// `KHR_materials_pbrSpecularGlossiness` of older files, in place of metallic-roughness. Metals are dielectrics
+    /// whose reflectance is a colour.
     fn take_specular_glossiness(
         &mut self,
         glossy: &PbrSpecularGlossiness,

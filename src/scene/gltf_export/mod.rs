@@ -21,10 +21,11 @@ use crate::storage::file;
 /// buffers and images.
 ///
 /// A light with a source node returns to it, in the space of the node's parent; others get new nodes. Groups, stops,
-/// switches and solo are folded into intensity and colour. Rectangles and disks are written as `EXT_lights_area`, points
-/// with a profile as `EXT_lights_ies`, all others as `KHR_lights_punctual`. Other sizes and filters, `shadows` and links
-/// have no counterpart in glTF; an `EXT_lights_image_based` of the file is kept as it is. The exact rig is stored too,
-/// except camera and snapshots: relume restores it unless the lights of the file's nodes have been edited since.
+/// switches and solo are folded into intensity and colour. Rectangles and disks are written as `EXT_lights_area`,
+/// points with a profile as `EXT_lights_ies`, all others as `KHR_lights_punctual`. Other sizes and filters, `shadows`
+/// and links have no counterpart in glTF; an `EXT_lights_image_based` of the file is kept as it is. The exact rig is
+/// stored too, except camera and snapshots: relume restores it unless the lights of the file's nodes have been edited
+/// since.
 pub fn export_gltf(scene: &Scene, rig: &Rig, path: &Path) -> Result<()> {
     let has_extension =
         |path: &Path, extension: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension));

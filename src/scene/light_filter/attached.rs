@@ -109,7 +109,8 @@ impl<'a> RigFiles<'a> {
         Self { folder, scene: None, profiles: HashMap::new(), images: HashMap::new(), sky_maps: HashMap::new() }
     }
 
-    /// The files of the rig in the glTF file `scene`: those in its folder or below, and no others. `sky_maps` are known.
+    /// The files of the rig in the glTF file `scene`: those in its folder or below, and no others. `sky_maps` are
+    /// known.
     pub fn of_scene(scene: &'a Path, sky_maps: impl Iterator<Item = Attached<SkyMap>>) -> Self {
         let sky_maps = sky_maps.map(|map| (map.path.clone(), map)).collect();
         Self { scene: Some(scene), sky_maps, ..Self::new(scene.parent().unwrap_or(Path::new(""))) }

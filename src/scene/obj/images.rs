@@ -33,8 +33,8 @@ impl Images {
     }
 
     /// Finds the file of `map`: at the path in the MTL, else by its file name next to the MTL, because many MTL files
-    /// contain paths of the machine that wrote them. `None`, with a warning, if it does not exist or has a format that is
-    /// not read.
+    /// contain paths of the machine that wrote them. `None`, with a warning, if it does not exist or has a format that
+    /// is not read.
     pub fn find(&mut self, mtl: &Path, map: &TextureMap) -> Result<Option<PathBuf>> {
         let folder = mtl.parent().unwrap_or(Path::new(""));
         let name = map.file.rsplit('/').next().unwrap_or_default();

@@ -12,7 +12,8 @@ use crate::scene::{LightKind, ObjectSet, RigFiles};
 const EXCLUSIVE: [&[&str]; 3] =
     [&["intensity", "lumen", "nit", "watt", "radiance"], &["color", "kelvin", "radiance"], &["map", "physical_sky"]];
 
-/// `rig` changed by `patch`, without snapshots. Names have no dots. Paths are relative to `folder`. An error names the light, group or set.
+/// `rig` changed by `patch`, without snapshots. Names have no dots. Paths are relative to `folder`. An error names the
+/// light, group or set.
 pub fn apply(rig: &Rig, patch: Object, folder: &Path) -> Result<Rig, String> {
     let mut rig = Rig { snapshots: Vec::new(), ..rig.clone() };
     let mut lights = Vec::new();

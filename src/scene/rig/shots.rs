@@ -105,7 +105,8 @@ impl Rig {
         self.shots.iter().find(|shot| shot.camera == camera)
     }
 
-    /// The rig in pictures of the camera of this name, without shots and snapshots. An error names the shot and the light.
+    /// The rig in pictures of the camera of this name, without shots and snapshots. An error names the shot and the
+    /// light.
     pub fn of_shot(&self, camera: &str) -> Result<Self, String> {
         let shared = Self { shots: Vec::new(), snapshots: Vec::new(), ..self.clone() };
         match self.shot(camera) {
@@ -124,9 +125,9 @@ impl Rig {
         apply(&self, values.clone(), Path::new(""))
     }
 
-    /// The rig after an edit that turned its lights in pictures of `camera` from `before` into `after`. Values that differ
-    /// in this shot change there, and all others in all shots; with `only_here` all values change in this shot alone. An
-    /// error names a shot and a light that would be invalid.
+    /// The rig after an edit that turned its lights in pictures of `camera` from `before` into `after`. Values that
+    /// differ in this shot change there, and all others in all shots; with `only_here` all values change in this shot
+    /// alone. An error names a shot and a light that would be invalid.
     pub fn edited_in_shot(&self, camera: &str, [before, after]: [&Self; 2], only_here: bool) -> Result<Self, String> {
         let mut edited = Self { snapshots: self.snapshots.clone(), shots: Vec::new(), ..after.clone() };
         if self.shots.is_empty() && !only_here {

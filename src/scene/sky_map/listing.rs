@@ -8,8 +8,8 @@ use image::ImageReader;
 use crate::error::{Error, Result};
 use crate::storage::file;
 
-/// The files in `folder` that may be environment maps, by name: HDR and EXR files, and PNG, JPEG and WebP files that are
-/// twice as wide as high. Of these, headers are read. Fails if the folder cannot be read.
+/// The files in `folder` that may be environment maps, by name: HDR and EXR files, and PNG, JPEG and WebP files that
+/// are twice as wide as high. Of these, headers are read. Fails if the folder cannot be read.
 pub fn maps_in(folder: &Path) -> Result<Vec<PathBuf>> {
     let entries = std::fs::read_dir(folder).map_err(Error::io("read", folder))?;
     let paths = entries.filter_map(|entry| Some(entry.ok()?.path()));

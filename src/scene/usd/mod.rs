@@ -43,8 +43,8 @@ fn has(light: &Light) -> bool {
     light.kind != LightKind::Emitter && !is_physical_sky
 }
 
-/// Light `index` of a rig as a file without the exact rig has it: its group, switches and stops as intensity and colour,
-/// and without what UsdLux cannot hold.
+/// Light `index` of a rig as a file without the exact rig has it: its group, switches and stops as intensity and
+/// colour, and without what UsdLux cannot hold.
 fn nearest(rig: &Rig, index: usize) -> Light {
     let light = &rig.lights[index];
     let group = light.group.map(|group| &rig.groups[group]);

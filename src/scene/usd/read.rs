@@ -19,9 +19,9 @@ use crate::scene::rig::{KELVIN, UniqueNames, kelvin_to_rgb};
 use crate::scene::{DomeMap, Light, LightKind, Links, Rig, RigFiles};
 use crate::storage::file;
 
-/// Reads the UsdLux lights of a USD file and of all files that it is composed of, at the time of their defaults, else of
-/// their first sample. Lights that relume wrote and nobody edited are the exact rig again. Warns of lights that relume does
-/// not have: cylinders, geometry, portals. Fails if the file is no USD, or a file of it is missing.
+/// Reads the UsdLux lights of a USD file and of all files that it is composed of, at the time of their defaults, else
+/// of their first sample. Lights that relume wrote and nobody edited are the exact rig again. Warns of lights that
+/// relume does not have: cylinders, geometry, portals. Fails if the file is no USD, or a file of it is missing.
 pub fn load(path: &Path) -> Result<Rig> {
     file::open(path)?; // with the system's own reason if it cannot be read
     let stage = open(path).map_err(|cause| invalid(path, cause))?;
@@ -301,8 +301,8 @@ fn cone(prim: &Prim) -> Fallible<Cone> {
     Ok(Cone { inner: outer * (1.0 - softness), outer })
 }
 
-/// Sets the size of a light, in metres. Returns the factor on its intensity: candela, lux or radiance by what UsdLux has.
-/// `along`: turns and scales axes of the light.
+/// Sets the size of a light, in metres. Returns the factor on its intensity: candela, lux or radiance by what UsdLux
+/// has. `along`: turns and scales axes of the light.
 fn shape(prim: &Prim, light: &mut Light, along: impl Fn(DVec3) -> DVec3, metres_per_unit: f64) -> Fallible<f64> {
     let is_normalized = flag(prim, "inputs:normalize")?.unwrap_or(false);
     let length = |name: &str, default: f64, axis: DVec3| -> Fallible<f64> {

@@ -8,7 +8,8 @@ use openusd::ar::{Asset, DefaultResolver, ResolvedPath, Resolver};
 #[derive(Default)]
 pub struct ShallowFiles(DefaultResolver);
 
-/// Of brackets in text; stages of films have some twenty levels. openusd 0.6 overflows 2 MiB of stack after some hundreds.
+/// Of brackets in text; stages of films have some twenty levels. openusd 0.6 overflows 2 MiB of stack after some
+/// hundreds.
 const MAX_DEPTH: usize = 128;
 
 impl Resolver for ShallowFiles {

@@ -19,8 +19,8 @@ const POINT_RADIUS: f64 = 1e-3;
 const SAME_KELVIN: std::ops::RangeInclusive<f64> = 2_000.0..=10_000.0;
 
 /// Writes the lights of `rig` to `path` as a layer of UsdLux lights, in metres with +y up; and, for relume itself, the
-/// exact rig without camera and snapshots. A file that relume did not write is not replaced. Emitters and physical skies
-/// have no counterpart.
+/// exact rig without camera and snapshots. A file that relume did not write is not replaced. Emitters and physical
+/// skies have no counterpart.
 pub fn save(rig: &Rig, path: &Path) -> Result<()> {
     if !path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("usda")) {
         return Err(Error::invalid(path.display().to_string(), "lights are written as .usda"));

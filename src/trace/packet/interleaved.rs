@@ -47,8 +47,8 @@ const CELLS: usize = POINTS / 4;
 const SIDE: usize = TILE_SIZE as usize;
 /// Pixels of a window before and behind its middle.
 const BEFORE: usize = SIDE / 2;
-/// Variance of the fraction of a packet that sees the light, relative to the mean square of the picture, above which more
-/// samples are traced.
+/// Variance of the fraction of a packet that sees the light, relative to the mean square of the picture, above which
+/// more samples are traced.
 const MOST_NOISE: f32 = 0.06 * 0.06;
 /// Packets of one task.
 const PACKETS_A_TASK: usize = 64;
@@ -140,9 +140,9 @@ impl InterleavedPackets {
 
     /// Traces samples towards their points of the light, on all cores; `visibility` receives 64 values for each of
     /// `packets`, 0 to 255. With `similar`, which has for each sample a bit for each in its [`window`](Self::window), a
-    /// value is the mean over the similar ones that face the light, each weighted by the irradiance of its point. Without,
-    /// one sample of each four in the list is traced for all of them. Behind blending surfaces a sample sees the light as
-    /// often as it is attenuated.
+    /// value is the mean over the similar ones that face the light, each weighted by the irradiance of its point.
+    /// Without, one sample of each four in the list is traced for all of them. Behind blending surfaces a sample sees
+    /// the light as often as it is attenuated.
     pub fn trace(
         &mut self,
         scene: LinkedScene,
@@ -271,8 +271,8 @@ impl InterleavedPackets {
         lit as f32 / facing.max(1) as f32
     }
 
-    /// The 64 samples around one, with different points: of a picture 8x8 pixels, of a list those of its packet; by index,
-    /// `None` outside of the picture.
+    /// The 64 samples around one, with different points: of a picture 8x8 pixels, of a list those of its packet; by
+    /// index, `None` outside of the picture.
     pub fn window(&self, index: usize) -> impl Iterator<Item = Option<usize>> {
         let (packet, lane) = (index / PACKET_SIZE, index % PACKET_SIZE);
         let (is_tile, [columns, rows]) = (packet < self.tile_count(), self.tiles);

@@ -147,8 +147,8 @@ impl OpenScene {
         Ok(())
     }
 
-    /// Makes images of lights for the whole picture, if there may be lights without image; the request then begins no more.
-    /// Returns how many lights have one; `usize::MAX` for all.
+    /// Makes images of lights for the whole picture, if there may be lights without image; the request then begins no
+    /// more. Returns how many lights have one; `usize::MAX` for all.
     fn make_images(&mut self, request: &mut Request) -> Result<usize> {
         if request.picture != Picture::Whole
             || self.relighter.was_whole()

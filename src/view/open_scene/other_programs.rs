@@ -21,8 +21,8 @@ use crate::wire::message::PictureRequest;
 use crate::wire::picture::picture;
 
 impl OpenScene {
-    /// Replaces the scene, which was loaded again or is seen from another camera; lights, history and snapshots stay. An
-    /// error leaves all as it was.
+    /// Replaces the scene, which was loaded again or is seen from another camera; lights, history and snapshots stay.
+    /// An error leaves all as it was.
     pub fn replace(&mut self, opened: Opened, settings: &ViewSettings, messenger: Messenger) -> Result<()> {
         let Opened { scene, framebuffer, transfer, rig, .. } = &opened;
         let wrong = |reason: String| Error::invalid("the scene that was loaded again", reason);

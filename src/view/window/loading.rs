@@ -38,8 +38,8 @@ impl App {
         self.look_from(next);
     }
 
-    /// Looks from another camera of the scene: at once if its picture is in the sheet of shots, else the old picture stays
-    /// until there is one.
+    /// Looks from another camera of the scene: at once if its picture is in the sheet of shots, else the old picture
+    /// stays until there is one.
     pub(super) fn look_from(&mut self, camera: usize) {
         let Some(open_scene) = &mut self.open_scene else { return };
         let name = open_scene.opened.scene.cameras[camera].name.clone();
