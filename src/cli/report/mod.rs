@@ -211,9 +211,8 @@ fn command() -> String {
     std::iter::once("relume".to_owned()).chain(words).collect::<Vec<_>>().join(" ")
 }
 
-/// The README's.
+/// Those of the documentation.
 fn known_limits() -> String {
-    let readme = include_str!("../../../README.md");
-    let (_, section) = readme.split_once("## Known limits").expect("the README has this section");
-    section.split("\n## ").next().unwrap_or_default().trim().to_owned()
+    let page = include_str!("../../../docs/limits.md");
+    page[page.find("- ").expect("the page is a list")..].trim().to_owned()
 }
