@@ -8,7 +8,7 @@ use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_m
 use glam::{Vec3, Vec4};
 use relume::bake::transfer::blocks::{BlockMatrix, Columns, Dense};
 use relume::gpu::{Access, Buffer, Context, Frames, Kernel, SharedFloat, Validation};
-use relume::relight::host_product::{self, LightVectors, Results};
+use relume::relight::indirect::host_product::{self, LightVectors, Results};
 use relume::shared::*;
 
 /// Blocks alike: how many, rows of each, columns with factors for each channel and with a tint, channels.

@@ -6,7 +6,8 @@
 use std::path::PathBuf;
 
 use relume::image::png;
-use relume::relight::{Picture, RelightSettings, Request, exposure};
+use relume::relight::output::exposure;
+use relume::relight::{Picture, RelightSettings, Request};
 use relume::{Error, Result, Session, SessionSettings};
 
 fn main() -> Result<()> {

@@ -16,7 +16,8 @@ use common::{gpu, mutants};
 use glam::Vec3;
 use relume::image::display_view::{DisplayConfig, DisplayView};
 use relume::reference::composite;
-use relume::relight::{Picture, Request, ToneMap, display_table};
+use relume::relight::output::display_table;
+use relume::relight::{Picture, Request, ToneMap};
 use relume::scene::Scene;
 use relume::shared::OUTPUT_TABLE;
 

@@ -73,7 +73,7 @@ fn the_desk_page_lists_every_key() {
     let (begin, end) = ("<!-- keys: written by BLESS=1 cargo test --test docs -->\n", "<!-- end of keys -->");
     let (before, rest) = text.split_once(begin).unwrap();
     let (table, after) = rest.split_once(end).unwrap();
-    let wanted = format!("\n{}\n", relume::view::keys::as_markdown());
+    let wanted = format!("\n{}\n", relume::view::input::keys::as_markdown());
     if std::env::var_os("BLESS").is_some() {
         std::fs::write(&path, format!("{before}{begin}{wanted}{end}{after}")).unwrap();
     } else {

@@ -21,7 +21,7 @@ use relume::bake::transport::direct;
 use relume::bake::transport::directions::Lobe;
 use relume::bake::transport::{LightTransport, Outgoing, TransferSettings};
 use relume::gpu::{Access, Buffer, Frames, Kernel, Pass, SharedFloat};
-use relume::relight::host_product::{self, LightVectors, Results, ViewSampleRadiance};
+use relume::relight::indirect::host_product::{self, LightVectors, Results, ViewSampleRadiance};
 use relume::relight::{Layers, Picture, Request, Site, VisibilityMethod};
 use relume::scene::rig::Rig;
 use relume::scene::{Light, LightKind, Material, Projection as Lens, Scene};

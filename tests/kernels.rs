@@ -11,7 +11,7 @@ use glam::{DVec3, UVec2, Vec2, Vec3, Vec4};
 use relume::gpu::{Access, Buffer, Frame, Frames, HostPass, Kernel};
 use relume::physics::octahedral;
 use relume::reference::{self, composite};
-use relume::relight::host_sum;
+use relume::relight::indirect::host_sum;
 use relume::shared::gpu_struct::Read;
 use relume::shared::*;
 

@@ -17,7 +17,7 @@ use relume::bake::{BakeSettings, bake, cache};
 use relume::scene::{MeshSpace, Rig, Scene};
 use relume::storage::journal::Journal;
 use relume::trace::bvh::TracedScene;
-use relume::view::script::Script;
+use relume::view::input::script::Script;
 
 /// A text with numbers replaced; or with words, lines and bytes replaced, repeated or left out.
 fn damaged(random: &mut Random, good: &str) -> Vec<u8> {

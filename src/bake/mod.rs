@@ -4,7 +4,6 @@
 //! scene -> framebuffer -> gather_samples -> transport -> compression -> transfer
 //! ```
 
-mod background;
 pub mod baselines;
 pub mod brdf_factors;
 pub mod cache;
@@ -14,8 +13,9 @@ pub mod csr_matrix;
 pub mod framebuffer;
 pub mod gather_samples;
 mod linear;
+mod low_priority;
 pub mod transfer;
 pub mod transport;
 
-pub use self::background::{at_rest, low_priority};
 pub use self::framebuffer::{BakeSettings, DeepFramebuffer, Thing, bake};
+pub use self::low_priority::{at_rest, low_priority};

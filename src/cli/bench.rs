@@ -5,8 +5,9 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use relume::gpu::{PassTime, Processor};
+use relume::relight::output::exposure;
 use relume::relight::roofline::Roofline;
-use relume::relight::{Detail, Layers, Picture, Relighter, Request, exposure};
+use relume::relight::{Detail, Layers, Picture, Relighter, Request};
 use relume::scene::{LightGroup, LightKind, Rig};
 use relume::session::{Session, Transfers};
 use relume::{Error, Result};

@@ -7,15 +7,16 @@ use relume::gpu::PassTime;
 use relume::image::cryptomatte::Cryptomatte;
 use relume::image::exr::{self, ExrMetadata};
 use relume::image::{Image, png};
-use relume::relight::{Layers, Picture, Relighter, Request, ToneMap, exposure};
+use relume::relight::output::exposure;
+use relume::relight::{Layers, Picture, Relighter, Request, ToneMap};
 use relume::scene::rig::without_dots;
 use relume::scene::{LightKind, Rig};
 use relume::{Error, Result};
 
+use super::data_passes::{Data, Surfaces};
 use super::final_gather::Refinement;
 use super::options::{Exposure, check_extension};
 use super::output_file::{as_file_name, make_parent};
-use super::surfaces::{Data, Surfaces};
 
 /// One picture that a render can give.
 #[derive(Clone, Debug, PartialEq)]

@@ -7,10 +7,10 @@ use relume::relight::VisibilityMethod;
 use relume::session::{CountedIn, FramebufferCounts, Survey, TransferPlan};
 use serde_json::{Value, json};
 
-use super::left_out::left_out;
 use super::options::{DeviceOptions, SceneOptions, ShadowOptions};
 use super::progress::Terminal;
 use super::stdout::out;
+use super::unneeded::left_out;
 
 #[derive(clap::Args)]
 pub struct Args {

@@ -12,13 +12,13 @@ use relume::scene::{Emitters, Rig};
 use relume::{Error, Result};
 use serde_json::Value;
 
+use super::data_passes::Surfaces;
 use super::final_gather::{FinalOptions, Refinement};
 use super::options::{LightOptions, RecordOptions, SceneOptions};
 use super::output::{self, Display, Has, Job, PassKind, Passes, Relighters, Template, Written};
 use super::output_file::{as_file_name, check_outputs};
 use super::progress::{self, Terminal};
 use super::stats::{self, Strange};
-use super::surfaces::Surfaces;
 
 #[derive(clap::Args, Clone)]
 pub struct Args {

@@ -8,7 +8,7 @@ use relume::relight::Relighter;
 use relume::session::{Session, Stage, peak_bytes};
 use serde_json::{Value, json};
 
-use super::left_out::left_out;
+use super::unneeded::left_out;
 
 /// Values in the pictures that should not be there.
 pub struct Strange {

@@ -5,8 +5,9 @@ use std::time::Duration;
 
 use relume::gpu::Vsync;
 use relume::scene::usd;
-use relume::view::script::Script;
-use relume::view::{SceneSource, ViewSettings, keys};
+use relume::view::input::keys;
+use relume::view::input::script::Script;
+use relume::view::{SceneSource, ViewSettings};
 use relume::{Result, SessionSettings};
 use serde_json::json;
 

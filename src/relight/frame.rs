@@ -2,13 +2,13 @@
 
 use std::time::Instant;
 
-use super::inspect::{Inspection, Inspector};
+use super::indirect::sky_light::SkyTerms;
 use super::light_cache::{LightPoints, POINTS_A_STEP, Plan, Step};
 use super::light_sights::LightSights;
+use super::output::inspect::{Inspection, Inspector};
+use super::output::sheet::Grid;
 use super::output::{Output, Outputs};
 use super::passes::{FrameResources, Seeing};
-use super::sheet::Grid;
-use super::sky_light::SkyTerms;
 use super::visibility;
 use super::{Detail, Picture, Relighter, Request};
 use crate::error::{Error, Result};

@@ -2,9 +2,9 @@
 
 use glam::Vec4;
 
-use super::host_product::ViewSampleRadiance;
-use super::soft_light::{SoftLight, SoftLights};
+use super::indirect::host_product::ViewSampleRadiance;
 use super::visibility::Visibility;
+use super::visibility::soft_light::{SoftLight, SoftLights};
 use crate::gpu::{Buffer, HostPass, Pass, SharedFloat};
 use crate::shared::gpu_struct::Write;
 use crate::shared::{MAX_LIGHTS_PER_PASS, PackedLight};

@@ -10,11 +10,11 @@ use std::sync::Arc;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::exposure::{stop_color, stops};
-use super::inspect::Inspection;
 use super::light_cache::Detail;
 #[cfg(doc)]
 use super::light_cache::LightCache;
+use super::output::exposure::{stop_color, stops};
+use super::output::inspect::Inspection;
 use crate::image::display_view::DisplayView;
 use crate::image::luminance;
 use crate::physics::tone_curve::{agx, pbr_neutral, srgb};

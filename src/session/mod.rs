@@ -41,7 +41,8 @@ use crate::bake::transport::directions::Lobe;
 use crate::bake::{BakeSettings, DeepFramebuffer, at_rest, bake, cache, low_priority};
 use crate::error::{Error, Result};
 use crate::gpu::{Context, Validation};
-use crate::relight::{RelightSettings, Relighter, choose_device};
+use crate::relight::choose_device;
+use crate::relight::{RelightSettings, Relighter};
 use crate::scene::{Camera, Rig, Scene};
 use crate::trace::bvh::TracedScene;
 

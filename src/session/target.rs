@@ -6,8 +6,9 @@ use super::plan::TransferPlan;
 use super::survey::{FramebufferCounts, Survey};
 use crate::error::Result;
 use crate::gpu::{DeviceInfo, find_device};
+use crate::relight::choose_device;
 use crate::relight::footprint::{Footprint, GatherFootprint, MapFootprint};
-use crate::relight::{RelightSettings, VisibilityMethod, choose_device};
+use crate::relight::{RelightSettings, VisibilityMethod};
 use crate::scene::Rig;
 use crate::trace::bvh::TracedScene;
 

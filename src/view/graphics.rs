@@ -8,7 +8,7 @@ use winit::event_loop::ActiveEventLoop;
 use winit::window::Window;
 
 use super::ViewSettings;
-use super::controls::PANEL_WIDTH;
+use super::panel::controls::PANEL_WIDTH;
 use crate::error::{Cause, Error, Result};
 use crate::gpu::{Context, Frames, Surface, UiRenderer};
 use crate::relight::choose_device;

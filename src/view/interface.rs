@@ -2,14 +2,14 @@
 
 use egui::Ui;
 
-use super::action::Action;
-use super::controls::{self, PANEL_WIDTH};
-use super::gather::GatherMarks;
+use super::gather_marks::GatherMarks;
+use super::input::action::Action;
 use super::open_scene::OpenScene;
+use super::overlay::{profile, times, wipe};
+use super::panel::controls::{self, PANEL_WIDTH};
 use super::timings::Timings;
 use super::view_state::ViewState;
 use super::views::{Aid, View};
-use super::{overlay, profile, wipe};
 use crate::gpu::Placement;
 
 /// The state that the interface shows and changes.
@@ -80,7 +80,7 @@ impl Interface<'_> {
         }
         open_scene.draw_aids(ui, view, placement, scale);
         if view.overlay {
-            overlay::times(ui, timings, &open_scene.desk, egui::Pos2::ZERO);
+            times::draw(ui, timings, &open_scene.desk, egui::Pos2::ZERO);
         }
         if view.views.has(Aid::Profile) {
             let right = (placement.left as f32 + placement.width as f32) / scale;

@@ -4,58 +4,35 @@
 //! Scenes load and bake on another thread, behind a progress bar. Direct light can be edited while indirect light
 //! bakes.
 
-mod action;
-mod aids;
 mod autosave;
 mod compare;
-mod controls;
-mod converge;
-mod detail_control;
-mod edge_refinement;
-mod filter_values;
-mod final_gathering;
-mod gather;
-mod gathered;
-mod gizmo;
+mod gather_marks;
 mod graphics;
-mod input_state;
+pub mod input;
 mod interface;
-pub mod keys;
-mod light_values;
 mod light_view;
-mod lights_list;
-mod linking_values;
-mod load;
-mod loads;
-mod map_answer;
-mod map_ball;
-mod map_browser;
-mod map_reader;
+mod loading;
 mod open_scene;
 mod overlay;
-mod pick;
-mod profile;
+mod panel;
+mod refine;
 mod remote;
-pub mod script;
 mod serve;
 pub mod shares;
 mod shot_sheet;
-mod shots;
-mod snapshots;
 mod still;
 mod timings;
-mod view_menu;
 mod view_state;
 pub mod views;
 mod window;
-mod wipe;
 
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-pub use self::gathered::GatheringState;
-pub use self::load::SceneSource;
+use self::input::script::Script;
+pub use self::loading::load::SceneSource;
+pub use self::refine::gathered::GatheringState;
 pub use self::serve::serve;
 pub use self::window::run;
 use crate::bake::DeepFramebuffer;
@@ -75,7 +52,7 @@ pub struct ViewSettings {
     pub pictures: PictureSettings,
     pub vsync: Vsync,
     /// Events to play.
-    pub script: Option<script::Script>,
+    pub script: Option<Script>,
     /// File to which events are recorded.
     pub record: Option<PathBuf>,
     /// File that tells other programs how to connect; `None`: they cannot.

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde_json::json;
 
-use super::load::{LoadEvent, Messenger};
+use super::loading::load::{LoadEvent, Messenger};
 use super::open_scene::OpenScene;
 use super::view_state::ViewState;
 use crate::error::Result;

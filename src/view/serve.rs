@@ -6,13 +6,15 @@ use std::sync::mpsc::channel;
 
 use serde_json::json;
 
-use super::load::{LoadEvent, Messenger, Numbered, SceneSource};
-use super::loads::{Change, Loads};
+use super::loading::load::{LoadEvent, Messenger, Numbered, SceneSource};
+use super::loading::loads::{Change, Loads};
 use super::{Opened, PictureSettings};
 use crate::desk::Desk;
 use crate::error::{Error, Result};
 use crate::gpu::Context;
-use crate::relight::{Picture, Relighter, choose_device, exposure};
+use crate::relight::choose_device;
+use crate::relight::output::exposure;
+use crate::relight::{Picture, Relighter};
 use crate::scene::Rig;
 use crate::scene::rig::merge_patch::Object;
 use crate::trace::bvh::TracedScene;

@@ -5,9 +5,9 @@ use std::sync::Arc;
 use egui::{ColorImage, RichText, TextureHandle, TextureOptions, Ui};
 
 use super::Opened;
-use super::action::Action;
-use super::keys::Command;
-use super::load::{LoadEvent, Loading};
+use super::input::action::Action;
+use super::input::keys::Command;
+use super::loading::load::{LoadEvent, Loading};
 use crate::error::{Error, Result};
 use crate::gpu::Context;
 use crate::relight::{RelightSettings, Relighter, ToneMap};

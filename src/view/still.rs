@@ -5,13 +5,13 @@ use std::sync::Arc;
 use glam::Vec3;
 
 use super::Opened;
-use super::final_gathering::FinalGathering;
+use super::refine::final_gathering::FinalGathering;
 use super::views::{View, Views};
 use crate::bake::channels::Channel;
 use crate::error::Result;
 use crate::gpu::{Buffer, Context, Pixels};
 use crate::image::png::srgb8_from_linear;
-use crate::relight::exposure::stop_color;
+use crate::relight::output::exposure::stop_color;
 use crate::scene::Rig;
 
 /// A picture, and the values that its colours show.

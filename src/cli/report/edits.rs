@@ -11,11 +11,11 @@ use serde::{Deserialize, Serialize};
 
 use super::lab::{Lab, ours, session_settings};
 use crate::cli::bench::{Record, SEVERAL, Timing, best_of, edits_of};
-use crate::cli::left_out::left_out;
 use crate::cli::options::ViewOptions;
 use crate::cli::percentile::percentile;
 use crate::cli::progress::Terminal;
 use crate::cli::transfer::FormName;
+use crate::cli::unneeded::left_out;
 
 /// What edits of a scene take, as relume plans it.
 #[derive(Serialize, Deserialize)]

@@ -24,7 +24,7 @@ pub enum Source {
     /// The image of a light with a size when it had fewer points.
     Checkpoint,
     /// What final gathering adds to the image of a light, by its number; see
-    /// [`LightChanges`](super::super::LightChanges).
+    /// [`LightChanges`](crate::relight::LightChanges).
     Change(u64),
 }
 

@@ -7,7 +7,7 @@
 //! widest registers of the machine; products and sums are rounded separately, so all machines give the same result.
 
 pub mod common_origin;
-pub mod half;
+pub mod half_resolution;
 pub mod interleaved;
 mod rays;
 mod triangle;

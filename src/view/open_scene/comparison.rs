@@ -5,7 +5,7 @@ use crate::error::Result;
 use crate::relight::{Layers, Request};
 use crate::scene::{Emitters, Rig};
 use crate::view::compare::{Comparing, Comparison, ComparisonImage};
-use crate::view::snapshots::Thumbnail;
+use crate::view::panel::snapshots::Thumbnail;
 use crate::view::view_state::ViewState;
 use crate::view::views::View;
 

@@ -3,7 +3,7 @@
 use super::OpenScene;
 use crate::error::Result;
 use crate::gpu::is_out_of_memory;
-use crate::view::gathered::{Gathered, GatheringState};
+use crate::view::refine::gathered::{Gathered, GatheringState};
 
 impl OpenScene {
     /// Accepts indirect light that was gathered; `None`: gathering failed.

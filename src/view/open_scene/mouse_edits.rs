@@ -7,7 +7,7 @@ use crate::desk::Pick;
 use crate::desk::describe::rounded;
 use crate::desk::selection::Selection;
 use crate::gpu::Placement;
-use crate::view::gizmo::{Gizmos, Grab, Handle};
+use crate::view::overlay::gizmo::{Gizmos, Grab, Handle};
 
 impl OpenScene {
     /// Returns the handles of the lights in the picture.

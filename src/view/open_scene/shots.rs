@@ -3,8 +3,8 @@
 use super::OpenScene;
 use crate::error::{Error, Result};
 use crate::relight::{Layers, Request, ToneMap};
+use crate::view::panel::snapshots::reduced;
 use crate::view::shot_sheet::{Drawn, WIDTH};
-use crate::view::snapshots::reduced;
 
 /// How the sheet shows its pictures.
 pub struct ShotDisplay {

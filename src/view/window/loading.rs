@@ -7,7 +7,7 @@ use winit::event_loop::ActiveEventLoop;
 use super::App;
 use crate::error::{Error, Result};
 use crate::view::Opened;
-use crate::view::loads::Change;
+use crate::view::loading::loads::Change;
 use crate::view::open_scene::Flow;
 use crate::view::shot_sheet::ShotSheet;
 
