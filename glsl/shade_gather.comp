@@ -1,5 +1,5 @@
-// λ0: coefficients of a light without size at unit intensity in gather samples, the mean over each sample's points; or
-// of a light with a size, of which each point sees another point. One thread per sample. Twin:
+// λ0: coefficients of a punctual light at unit intensity in gather samples, the mean over each sample's points; or
+// of an area light, of which each point sees another point. One thread per sample. Twin:
 // src/bake/transport/direct.rs.
 
 #include "lib/brdf.glsl"

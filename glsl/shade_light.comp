@@ -1,4 +1,4 @@
-// Direct light of a light without size at unit intensity on all view samples. One thread per sample.
+// Direct light of a punctual light at unit intensity on all view samples. One thread per sample.
 // Twin: src/reference/mod.rs.
 
 #include "lib/brdf.glsl"

@@ -1,4 +1,4 @@
-// Direct light of a light with a size at unit intensity on all view samples, while it moves. One thread per sample.
+// Direct light of an area light at unit intensity on all view samples, while it moves. One thread per sample.
 //
 // The light is shaded by points without shadows, times the fraction of it that the sample and its neighbours see:
 // smooth shading times filtered visibility [Heitz 2018b]. Where nothing stops the light, tests/area_lights.rs has

@@ -1,4 +1,4 @@
-//! Lights with a size where the answer is known: relit, and traced by the path tracer.
+//! Area lights where the answer is known: relit, and traced by the path tracer.
 
 mod common;
 
@@ -32,7 +32,7 @@ fn at(point: DVec3) -> Camera {
     look(point + DVec3::Y, point, DVec3::NEG_Z, Projection::Orthographic { ymag: 1e-6 })
 }
 
-/// A light with a size, and the irradiance that it gives the floor at a point, from a formula.
+/// An area light, and the irradiance that it gives the floor at a point, from a formula.
 struct Case {
     what: &'static str,
     light: Light,
@@ -184,7 +184,7 @@ fn irradiance_in_the_path_tracer() {
     }
 }
 
-/// A light without size is the light that it was, to the last bit.
+/// A punctual light is the light that it was, to the last bit.
 #[test]
 fn no_size_is_no_change() {
     let gpu = gpu();

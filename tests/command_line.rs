@@ -202,7 +202,7 @@ fn passes_add_up() {
     assert_eq!(layer(&some, "light.spot1"), layer(&image, "light.spot1"));
     assert_eq!(layer(&some, "reflection"), layer(&image, "reflection"));
 
-    // Lights with a size have as many points in each part as in the whole.
+    // Area lights have as many points in each part as in the whole.
     let rig = folder.path().join("rig.toml");
     let window = "name = 'window'\nkind = 'rect'\nposition = [0, 2, 2]\nwidth = 1\nheight = 1\ndirection = [0, -1, -1]\nintensity = 20\n";
     let sky = "name = 'sky'\nkind = 'dome'\nphysical_sky = { elevation_deg = 20 }\nintensity = 0.001\n";

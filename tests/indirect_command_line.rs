@@ -53,7 +53,7 @@ fn passes_add_up() {
 }
 
 /// Direct and indirect light, diffuse and specular, of each light add up to the beauty, also on mirrors and
-/// anti-aliased edges, and under a light with a size.
+/// anti-aliased edges, and under an area light.
 #[test]
 fn parts_of_lights_add_up() {
     let folder = folder();

@@ -112,7 +112,7 @@ fn parts_of_a_gobo_sum_to_the_light() {
                     assert!(is_near, "{what}, {layers:?}: {sum}, want {}", pixel[c]);
                 }
             }
-            // The halves of a light with a size may have other numbers of points than the whole.
+            // The halves of an area light may have other numbers of points than the whole.
             assert!(errors.sqrt() <= 0.01 * squares.sqrt(), "{what}, {layers:?}: off by {errors} of {squares}");
         }
     }

@@ -178,7 +178,7 @@ fn what_is_not_lit_bounces_nothing() {
     }
 }
 
-/// A black board out of sight hides each light, and casts no shadow; the floor is glossy, so lights with a size are
+/// A black board out of sight hides each light, and casts no shadow; the floor is glossy, so area lights are
 /// found by chance as often as by looking for them.
 #[test]
 fn the_path_tracer_passes_what_casts_no_shadow() {

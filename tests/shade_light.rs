@@ -43,7 +43,7 @@ fn random_surface(random: &mut Random) -> Surface {
 }
 
 /// One of each kind, with and without range, and with the cones that are hard: hair-thin, sharp-edged, a hemisphere.
-/// Facets are points of lights with a size.
+/// Facets are points of area lights.
 fn lights(random: &mut Random) -> Vec<PackedLight> {
     let base = || Light::point("light", DVec3::new(0.3, 1.1, -0.2));
     let spot = |inner: f64, outer: f64, direction: DVec3| Light {

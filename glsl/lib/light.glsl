@@ -1,4 +1,4 @@
-// Lights without size: punctual lights [KHR_lights_punctual] and facets. Twin: src/physics/light.rs.
+// Punctual lights [KHR_lights_punctual], and facets. Twin: src/physics/light.rs.
 
 // RGB in half precision.
 vec3 unpack_factor(uvec2 halves) {

@@ -1,4 +1,4 @@
-// Interleaved sampling of lights with a size [Keller 2001]: which of the light's points a point of a gather sample
+// Interleaved sampling of area lights [Keller 2001]: which of the light's points a point of a gather sample
 // sees. Twin: src/trace/packet/interleaved.rs.
 
 uint point_in_list(uint index) {

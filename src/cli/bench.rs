@@ -254,7 +254,7 @@ impl<'a> Timing<'a> {
         let stride = (count / 2).saturating_sub(2) | 1;
         let warm_up = frames.div_ceil(5);
         let bar = progress::bar(name, (warm_up + frames) as usize);
-        // As in the window: the first picture of a light with a size that moves is not its exact one.
+        // As in the window: the first picture of an area light that moves is not its exact one.
         let hurried = Request { detail: Detail::Progressive, ..shown };
         let (mut all_ms, mut times) = (Vec::new(), Vec::new());
         for frame in 0..warm_up + frames {

@@ -24,7 +24,7 @@ Writes three files: OUT.a.exr and OUT.b.exr are two halves with independent nois
 IMAGE OUT.a.exr OUT.b.exr` gives errors that are free of this noise.
 
 Two kinds of light are missing. One is light from point, spot and directional lights that reaches a surface by way of a \
-perfect mirror: no ray from a surface meets a light without size. The other is reflections deeper than --layers.
+perfect mirror: no ray from a surface meets a punctual light. The other is reflections deeper than --layers.
 
 After three bounces, paths end by Russian roulette, which does not change the mean. Ctrl-C stops the path tracer and \
 writes what there is. The attributes `samplesPerPixel` and `comments` of the EXR files tell how many samples it has.";

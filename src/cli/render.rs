@@ -170,7 +170,7 @@ fn render(args: &Args, display: &mut Display) -> Result<()> {
         written,
     )?;
 
-    // Other pictures can use images of lights again. Those of lights with a size are made before the picture's plan.
+    // Other pictures can use images of lights again. Those of area lights are made before the picture's plan.
     let keep_images = rigs.len() > 1
         || rigs.iter().any(|(_, rig)| rig.has_sizes())
         || args.refine.is_wanted()

@@ -43,7 +43,7 @@ pub enum LightEdit {
     Inner(f64),
     /// All barn doors, degrees.
     Doors(f64),
-    /// Size, in doublings; a light without size gets one.
+    /// Size, in doublings; a punctual light gets one.
     Size(f64),
     /// Switches: all selected lights take the opposite of the primary light's value.
     Toggle,

@@ -625,7 +625,7 @@ fn a_change_of_size_keeps_power_or_radiance() {
     desk.redo();
     assert_eq!(desk.rig().lights[0].intensity, 32.0, "redone, not applied again");
     desk.undo();
-    // By number or handle, several lights; a light without a size has no radiance.
+    // By number or handle, several lights; a punctual light has no radiance.
     desk.select(Selection::of([1, 0]));
     desk.edit_primary_and_selection(Light { radius: 0.25, ..desk.rig().lights[0].clone() });
     assert_eq!(strengths(&desk), [(0.25, 2.0), (0.0, 8.0), (0.25, 2.0)]);

@@ -27,7 +27,7 @@ pub struct Source {
     settings: Light,
     links: Option<ResolvedLinks>,
     filter: Option<PosedFilter>,
-    /// Of a light with a size.
+    /// Of an area light.
     surface: Option<LightSurface>,
     /// Of an emitter.
     triangles: Option<EmittingTriangles>,
@@ -187,7 +187,7 @@ impl Source {
         (irradiance != DVec3::ZERO).then_some(Arriving { wi: arriving.wi, irradiance })
     }
 
-    /// Radiance of a light with a size along a ray from the surface of a triangle, of which the next one is at `end`.
+    /// Radiance of an area light along a ray from the surface of a triangle, of which the next one is at `end`.
     pub fn seen(&self, scene: &TracedScene, triangle: u32, ray: [Vec3; 2], end: f32) -> Option<DVec3> {
         let surface = self.surface.as_ref()?;
         let scene = self.linked(scene);

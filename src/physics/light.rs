@@ -1,4 +1,4 @@
-//! Lights without size: punctual lights [KHR_lights_punctual] and facets. Twin of glsl/lib/light.glsl.
+//! Punctual lights [KHR_lights_punctual], and facets. Twin of glsl/lib/light.glsl.
 
 use glam::DVec3;
 

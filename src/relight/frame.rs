@@ -85,7 +85,7 @@ impl Relighter {
         })
     }
 
-    /// Renders images of lights with a size until it is known how many points each needs.
+    /// Renders images of area lights until it is known how many points each needs.
     fn decide_points(&mut self, picture: Picture) -> Result<()> {
         loop {
             let light = match picture {

@@ -1,4 +1,4 @@
-//! What the eye sees of lights with a size themselves: directly, in mirrors, and in glossy surfaces that are almost
+//! What the eye sees of area lights themselves: directly, in mirrors, and in glossy surfaces that are almost
 //! mirrors, whose highlights have the shape of the light. Computed on the host, as shadow rays are.
 //!
 //! Directly and in mirrors a light is met by the segments of the eye paths, which no edit of the lights changes. In a
@@ -74,7 +74,7 @@ struct NarrowLobe {
     weight: Vec3,
 }
 
-/// Number of lights with a size whose images one frame renders.
+/// Number of area lights whose images one frame renders.
 const LIGHTS_A_FRAME: usize = 2;
 /// Directions drawn from a narrow lobe if the light's points are interleaved.
 const INTERLEAVED_DIRECTIONS: u32 = 4;

@@ -9,7 +9,7 @@ use crate::gpu::{Buffer, HostPass, Pass, SharedFloat};
 use crate::shared::gpu_struct::Write;
 use crate::shared::{MAX_LIGHTS_PER_PASS, PackedLight};
 
-/// A light without size, a point of another one or its interleaved points, with its visibility, and the buffers to
+/// A punctual light, a point of another one or its interleaved points, with its visibility, and the buffers to
 /// which its radiance is added.
 pub struct LightTarget<'a> {
     pub light: PackedLight,

@@ -71,14 +71,14 @@ pub struct Seeing<'a> {
     pub visibility: &'a mut VisibilityBuffers,
     pub shadow_maps: Option<&'a mut ShadowMaps>,
     pub sights: Option<&'a mut LightSights>,
-    /// Of lights with a size.
+    /// Of area lights.
     pub soft: Option<&'a mut SoftLights>,
     /// Of domes.
     pub sky_terms: Option<&'a mut SkyTerms>,
 }
 
 impl Seeing<'_> {
-    /// Whether a light with a size finds free buffers.
+    /// Whether an area light finds free buffers.
     pub fn has_room(&self) -> bool {
         self.sights.as_ref().is_none_or(|sights| sights.has_room())
             && self.sky_terms.as_ref().is_none_or(|terms| terms.has_room())
@@ -288,7 +288,7 @@ impl FrameResources<'_> {
         sky.filter(|_| light.kind == LightKind::Dome && light.shadows && light.links == Links::default())
     }
 
-    /// Looks for a light with a size where the eye may see it; see [`LightSights::look`].
+    /// Looks for an area light where the eye may see it; see [`LightSights::look`].
     fn look(
         &self,
         sights: &mut LightSights,

@@ -1,4 +1,4 @@
-//! What images of lights with a size are made of: some of a light's points, and what the image was with fewer.
+//! What images of area lights are made of: some of a light's points, and what the image was with fewer.
 
 use std::sync::Arc;
 

@@ -49,7 +49,7 @@ pub struct Light {
     /// Unique in its rig; contains no dot, because image layers are called `light.NAME`.
     pub name: String,
     pub kind: LightKind,
-    /// World space, metres; the middle of lights with a size; ignored for directional lights and domes.
+    /// World space, metres; the middle of area lights; ignored for directional lights and domes.
     pub position: DVec3,
     /// Unit direction of emission; ignored for point lights and domes.
     pub direction: DVec3,
@@ -81,7 +81,7 @@ pub struct Light {
     pub spread: f64,
     /// Whether a disk or rectangle shines on both sides.
     pub two_sided: bool,
-    /// Whether the camera sees a light with a size. Mirrors and gloss show it in any case.
+    /// Whether the camera sees an area light. Mirrors and gloss show it in any case.
     pub visible: bool,
     /// Metres; the light has no effect beyond it.
     pub range: Option<f64>,
@@ -183,7 +183,7 @@ impl Light {
         }
     }
 
-    /// The middle of this light in mesh space as a light without size, white and at unit intensity. Panics for
+    /// The middle of this light in mesh space as a punctual light, white and at unit intensity. Panics for
     /// emitters.
     pub fn pack(&self, space: MeshSpace) -> PackedLight {
         let (inner, outer) = (self.inner_angle.cos(), self.outer_angle.cos());
@@ -217,7 +217,7 @@ impl Light {
         packed
     }
 
-    /// The point of this light at `[u, v]` in the unit square, as a light without size that stands for all of it: the
+    /// The point of this light at `[u, v]` in the unit square, as a punctual light that stands for all of it: the
     /// mean over the square is the light. White and at unit intensity, in mesh space. Equals [`Self::pack`] for a light
     /// without size.
     ///
@@ -309,7 +309,7 @@ impl Light {
     }
 
     /// Area in m² by which radiance is multiplied to give candela straight ahead, or solid angle that gives lux; `None`
-    /// for spots, whose points have no radiance, and for lights without size.
+    /// for spots, whose points have no radiance, and for punctual lights.
     pub fn projected_area(&self) -> Option<f64> {
         let area = match self.kind {
             LightKind::Point | LightKind::Disk => PI * self.radius * self.radius,

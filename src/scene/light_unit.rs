@@ -14,7 +14,7 @@ pub enum LightUnit {
     Lux,
     /// Luminous flux of the lamp, before gobo and barn doors.
     Lumen,
-    /// Luminance straight ahead, cd/m², of lights with a size.
+    /// Luminance straight ahead, cd/m², of area lights.
     Nit,
     /// Power of a Blender light; W/m² for a sun.
     Watt,

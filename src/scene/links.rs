@@ -2,7 +2,6 @@
 
 use std::collections::{BTreeMap, HashMap};
 
-use super::rig::RigSnapshot;
 use super::{Mesh, Rig, Scene};
 
 /// Links of a light, by names of nodes, materials or sets. A node's name includes its descendants.
@@ -114,10 +113,10 @@ impl Rig {
     pub fn stale_links(&self, scene: &Scene) -> Vec<String> {
         let of_set =
             |set: &ObjectSet| Some(format!("set \"{}\": {}", set.name, Cover::new(&set.items, &[], scene).err()?));
-        let of_snapshot = |snapshot: &RigSnapshot| {
+        let of_snapshots = self.snapshots.iter().filter_map(|snapshot| {
             Some(format!("snapshot {}: {}", snapshot.slot + 1, snapshot.rig.resolve_links(scene).err()?))
-        };
-        self.sets.iter().filter_map(of_set).chain(self.snapshots.iter().filter_map(of_snapshot)).collect()
+        });
+        self.sets.iter().filter_map(of_set).chain(of_snapshots).collect()
     }
 }
 

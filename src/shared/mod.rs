@@ -46,7 +46,7 @@ gpu_shared! {
         pub const SHAPE_RECT: u32 = 4;
         /// [`ShadeSoftConstants::shape`]
         pub const SHAPE_DOME: u32 = 5;
-        /// Points of a light with a size that moves: each sample sees one of them.
+        /// Points of an area light that moves: each sample sees one of them.
         pub const SOFT_POINTS: u32 = 64;
         /// [`Cutout::first`] without a texture.
         pub const NO_TEXELS: u32 = 0xffff_ffff;
@@ -110,13 +110,13 @@ gpu_shared! {
     }
 
     floats {
-        /// Lobes with a smaller alpha (roughness 0.3) are narrow: lights with a size are found by directions drawn from
+        /// Lobes with a smaller alpha (roughness 0.3) are narrow: area lights are found by directions drawn from
         /// them, too, as their highlights would show the points of the light.
         pub const NARROW_ALPHA: f32 = 0.09;
         /// Maximum albedo of a gather sample for light from any direction: the albedo of glTF's BRDF exceeds 1 near
         /// grazing angles. At this value single precision resolves 1 - albedo to a relative error of 0.001.
         pub const ALBEDO_CAP: f32 = 0.9999;
-        /// Directions drawn from a narrow lobe for each point of a light with a size that moves, where it shades such a
+        /// Directions drawn from a narrow lobe for each point of an area light that moves, where it shades such a
         /// lobe.
         pub const DIRECTIONS_PER_POINT: f32 = 0.25;
         /// Scene-linear luminance of middle grey.
@@ -503,7 +503,7 @@ gpu_shared! {
             pub tables: Read<f32>,
             /// Coefficients of all samples: RGB and an unused component, interleaved by light.
             pub coefficients: Write<Vec4>,
-            /// Points of a light with a size that moves, [`SOFT_POINTS`]; else unused.
+            /// Points of an area light that moves, [`SOFT_POINTS`]; else unused.
             pub lights: Read<PackedLight>,
             /// At unit intensity.
             pub light: PackedLight,
@@ -546,7 +546,7 @@ gpu_shared! {
             pub tables: Read<Vec4>,
             /// Coefficients of all samples: RGB and an unused component, interleaved by light.
             pub coefficients: Write<Vec4>,
-            /// Points of a light with a size that moves, [`SOFT_POINTS`]; else unused.
+            /// Points of an area light that moves, [`SOFT_POINTS`]; else unused.
             pub lights: Read<PackedLight>,
             /// At unit intensity.
             pub light: PackedLight,

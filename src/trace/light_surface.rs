@@ -1,4 +1,4 @@
-//! Surfaces of lights with a size, for rays that hit them.
+//! Surfaces of area lights, for rays that hit them.
 
 use std::f64::consts::{PI, TAU};
 
@@ -11,7 +11,7 @@ use crate::scene::light_filter::PosedFilter;
 use crate::scene::{DomeMap, Light, LightKind, MeshSpace, SkyMap, WideLight};
 use crate::shared::{LIGHT_SPOT, PackedLight};
 
-/// A light with a size and what lies between it and a ray's origin.
+/// An area light and what lies between it and a ray's origin.
 #[derive(Clone, Copy)]
 pub struct LightInScene<'a> {
     pub light: &'a Light,
@@ -21,10 +21,10 @@ pub struct LightInScene<'a> {
     pub scene: LinkedScene<'a>,
 }
 
-/// Surface of a light with a size, at unit intensity; mesh space.
+/// Surface of an area light, at unit intensity; mesh space.
 pub struct LightSurface {
     shape: Shape,
-    /// Middle of the light as a light without size.
+    /// Middle of the light as a punctual light.
     packed: PackedLight,
     /// cd/m², straight ahead.
     radiance: f64,

@@ -1,4 +1,4 @@
-//! Lights with a size and with filters: of no size and larger than the scene, in walls, around the camera. Pictures
+//! Area lights, and lights with filters: of no size and larger than the scene, in walls, around the camera. Pictures
 //! while they change and at rest, and path-traced ones.
 
 use std::f64::consts::PI;
@@ -270,7 +270,7 @@ fn sizes_that_are_known() {
     let plain = Light { intensity: 1.0, ..bright.clone() };
     let error = relative(&over(&first_hand(&bright), 1e30), &over(&first_hand(&plain), 1.0));
     row("a sphere of 1e30 cd", "light of 1 cd, so many times", 1e-5, error);
-    check("lights with a size whose light is known", &rows);
+    check("area lights whose light is known", &rows);
 }
 
 fn except(material: &str) -> Links {

@@ -294,7 +294,7 @@ def walls():
 
 
 def lamp(name, kind, energy, location, rotation=(0, 0, 0), color=(1, 1, 1), **values):
-    """A light without size, as files have them."""
+    """A punctual light, as files have them."""
     data = bpy.data.lights.new(name, kind)
     data.energy, data.color = energy, color
     if kind == "SUN":

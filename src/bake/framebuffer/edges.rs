@@ -98,7 +98,7 @@ pub(super) fn find(eye: &EyeRays, framebuffer: &DeepFramebuffer, rig: &Rig) -> V
     on_edge
 }
 
-/// For each light with a size, whether the eye sees the light itself in each pixel, directly or in mirrors.
+/// For each area light, whether the eye sees the light itself in each pixel, directly or in mirrors.
 fn lights_shown(eye: &EyeRays, framebuffer: &DeepFramebuffer, rig: &Rig) -> Vec<Vec<bool>> {
     let surface = |light| Some((light, LightSurface::new(light, eye.scene.space, None)?));
     let lights: Vec<(&Light, LightSurface)> = with_edges(rig).filter_map(surface).collect();

@@ -27,7 +27,7 @@ pub(super) struct ActiveLight {
     pub index: usize,
     light: Light,
     links: Option<ResolvedLinks>,
-    /// The light, or the middle of a light with a size.
+    /// The light, or the middle of an area light.
     pub packed: PackedLight,
     /// `None` if the light has no size.
     surface: Option<LightSurface>,
@@ -53,12 +53,12 @@ impl ActiveLights {
         Self { all: (0..rig.lights.len()).filter(arrives).map(light).collect() }
     }
 
-    /// Lights without size.
+    /// Punctual lights.
     fn punctual(&self) -> impl Iterator<Item = &ActiveLight> {
         self.all.iter().filter(|light| light.surface.is_none())
     }
 
-    /// Lights with a size.
+    /// Area lights.
     fn sized(&self) -> impl Iterator<Item = (&ActiveLight, &LightSurface)> {
         self.all.iter().filter_map(|light| Some((light, light.surface.as_ref()?)))
     }
@@ -68,7 +68,7 @@ impl ActiveLights {
         self.sized().next().is_some()
     }
 
-    /// For each light without size, its index in the rig and the radiance of its direct light that `point` reflects
+    /// For each punctual light, its index in the rig and the radiance of its direct light that `point` reflects
     /// towards `wo`.
     pub fn reflect_each(
         &self,
@@ -82,7 +82,7 @@ impl ActiveLights {
         })
     }
 
-    /// For each light with a size, an estimate of the same from the point at `u` in the unit square. `density` is that
+    /// For each area light, an estimate of the same from the point at `u` in the unit square. `density` is that
     /// of other directions which may find the light, for the balance heuristic.
     pub fn reflect_points(
         &self,
@@ -105,7 +105,7 @@ impl ActiveLights {
         })
     }
 
-    /// Lights with a size that a ray from `point` meets, given by origin and unit direction, which no surface stops
+    /// Area lights that a ray from `point` meets, given by origin and unit direction, which no surface stops
     /// before `end`: index in the rig, radiance, and the density with which [`Self::reflect_points`] finds it, 1/sr.
     pub fn met(
         &self,
@@ -120,7 +120,7 @@ impl ActiveLights {
         })
     }
 
-    /// Lights with a size that a segment of an eye path shows: index in the rig and radiance.
+    /// Area lights that a segment of an eye path shows: index in the rig and radiance.
     pub fn seen(&self, scene: &TracedScene, segment: &PathSegment) -> impl Iterator<Item = (usize, DVec3)> {
         let PathSegment { origin, direction, range, mirror, .. } = *segment;
         self.sized().filter_map(move |(light, surface)| {
@@ -129,7 +129,7 @@ impl ActiveLights {
         })
     }
 
-    /// Estimates the sum of lights without size from one, chosen with probability proportional to its unshadowed
+    /// Estimates the sum of punctual lights from one, chosen with probability proportional to its unshadowed
     /// irradiance. The mean over uniform `choice` in [0, 1) is the sum.
     pub fn reflect_one(
         &self,

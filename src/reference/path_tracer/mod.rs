@@ -6,8 +6,8 @@
 //! framebuffer, so that direct light and reflections equal those of [`crate::relight`]. A bounced ray sees at most as
 //! many surfaces through mirrors as a ray from the eye.
 //!
-//! Omitted: light of lights without size that a perfect mirror reflects onto a surface, because a ray cannot hit them.
-//! The gather rows omit it too. In mirrors the eye sees lights with a size; directly it sees those that are visible.
+//! Omitted: light of punctual lights that a perfect mirror reflects onto a surface, because a ray cannot hit them.
+//! The gather rows omit it too. In mirrors the eye sees area lights; directly it sees those that are visible.
 
 mod aims;
 mod curves;

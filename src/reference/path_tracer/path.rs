@@ -37,7 +37,7 @@ impl PathRandom {
 const DIRECTION: u32 = 0;
 const SURFACE: u32 = 1;
 const EMITTER: u32 = 2;
-/// Points of lights with a size.
+/// Points of area lights.
 const LIGHT_POINT: u32 = 3;
 
 /// A visible surface and its aims, shared by many paths.
@@ -71,7 +71,7 @@ impl PathSums<'_> {
 
 impl PathTracer<'_> {
     /// Traces one path and adds the indirect light that a visible surface reflects to `sample`, and the direct light of
-    /// lights with a size; returns the number of
+    /// area lights; returns the number of
     /// rays without shadow rays.
     pub(super) fn follow(&self, seen: &FirstHit, random: PathRandom, sample: &mut Sample) -> u64 {
         let direct = if seen.vertex.layer == 0 { DIRECT } else { REFLECTION };

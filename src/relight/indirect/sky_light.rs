@@ -148,7 +148,7 @@ fn is_traced(sun: &Sun, detail: Detail) -> bool {
     detail != Detail::Coarse || !sun.is_large()
 }
 
-/// The traced suns of a dome as lights without size, at unit intensity.
+/// The traced suns of a dome as punctual lights, at unit intensity.
 pub fn suns(light: &Light, space: MeshSpace, detail: Detail) -> Vec<PackedLight> {
     let packed = light.pack(space);
     let sun = |sun: &Sun| {

@@ -1,4 +1,4 @@
-//! Which lights a plan shades: images of thousands of lights, and the points of lights with a size, come over several
+//! Which lights a plan shades: images of thousands of lights, and the points of area lights, come over several
 //! pictures.
 
 use std::cmp::Reverse;
@@ -12,7 +12,7 @@ use crate::scene::LightKind;
 pub(super) struct Limit {
     /// Images of lights that it may begin.
     images: usize,
-    /// Steps of [`POINTS_A_STEP`] that it may add to images of lights with a size; `None` for those that
+    /// Steps of [`POINTS_A_STEP`] that it may add to images of area lights; `None` for those that
     /// [`Detail`] allows for each.
     steps: Option<usize>,
 }

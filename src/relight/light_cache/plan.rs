@@ -19,9 +19,9 @@ pub enum Source {
     Rest,
     /// An emitter as its material says, which no edit changes.
     Emitter(usize),
-    /// The mean over some points of a light with a size, before it joins the image of the light.
+    /// The mean over some points of an area light, before it joins the image of the light.
     SomePoints,
-    /// The image of a light with a size when it had fewer points.
+    /// The image of an area light when it had fewer points.
     Checkpoint,
     /// What final gathering adds to the image of a light, by its number; see
     /// [`LightChanges`](crate::relight::LightChanges).
@@ -33,7 +33,7 @@ pub enum Source {
 pub enum Detail {
     #[default]
     Exact,
-    /// As exact, but lights with a size begin with interleaved points, and each picture adds some points: the next one
+    /// As exact, but area lights begin with interleaved points, and each picture adds some points: the next one
     /// is better.
     Progressive,
     /// Fast: one shadow ray per four samples if rays are traced, interleaved points, and only a part of the compressed
@@ -53,11 +53,11 @@ pub struct Shade {
 /// The points by which a light is shaded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LightPoints {
-    /// The only one, of a light without size.
+    /// The only one, of a punctual light.
     One,
-    /// Some for all view samples together, of a light with a size that moves: each sample sees another one.
+    /// Some for all view samples together, of an area light that moves: each sample sees another one.
     Interleaved,
-    /// `first..end` of the `of` points that a light with a size is made of, for each view sample.
+    /// `first..end` of the `of` points that an area light is made of, for each view sample.
     Some { first: u32, end: u32, of: u32 },
 }
 

@@ -1,14 +1,14 @@
-//! Images of lights with a size: they get more points until their image changes little.
+//! Images of area lights: they get more points until their image changes little.
 
 use glam::Vec3;
 
 use super::{Detail, LightCache, LightPoints, Node, Shade, Source, Step, Term};
 use crate::scene::{Light, LightKind};
 
-/// Points of the lattices of a light with a size: those of each join those before. The last one is for domes alone, of
+/// Points of the lattices of an area light: those of each join those before. The last one is for domes alone, of
 /// which a room with a window sees little.
 const LATTICES: [u32; 3] = [256, 1024, 4096];
-/// Points after which the image of a light with a size is kept, for a comparison at the next number. The first points
+/// Points after which the image of an area light is kept, for a comparison at the next number. The first points
 /// of a lattice, a power of two of them, are spread evenly.
 const CHECKPOINTS: [u32; 6] = [128, 256, 512, 1280, 2304, 5376];
 /// An image has enough points if from one checkpoint to the next it changed by less: root mean square, relative to the
@@ -135,7 +135,7 @@ impl LightCache {
         }
     }
 
-    /// A light with a size of the whole picture, of which it is not known how many points it needs.
+    /// An area light of the whole picture, of which it is not known how many points it needs.
     pub fn undecided(&self) -> Option<usize> {
         (0..self.leaf_of.len()).find(|&light| self.is_undecided(light) && self.is_on(self.leaf_of[light]))
     }

@@ -99,7 +99,7 @@ fn run(cache: &mut LightCache, numbers: &mut Numbers, rig: &Rig, plan: Plan) -> 
     picture
 }
 
-/// Renders lights with a size until it is known how many points each needs.
+/// Renders area lights until it is known how many points each needs.
 fn decide(cache: &mut LightCache, numbers: &mut Numbers, rig: &Rig) {
     while let Some(light) = cache.undecided() {
         let plan = cache.plan_part(light, u32::MAX);
@@ -147,7 +147,7 @@ fn rig(light_count: usize, group_count: usize) -> Rig {
     }
 }
 
-/// Each light with a size gets as many points as it needs, also while others are switched off and on again.
+/// Each area light gets as many points as it needs, also while others are switched off and on again.
 #[test]
 fn pictures_at_rest_become_exact() {
     let mut rig = rig(9, 2);
@@ -195,7 +195,7 @@ fn pictures_lack_lights_until_all_have_images() {
     }
 }
 
-/// Hundreds of lights with a size get their points over several pictures, each of which shades few and sums few images.
+/// Hundreds of area lights get their points over several pictures, each of which shades few and sums few images.
 #[test]
 fn points_of_many_lights_come_over_several_pictures() {
     let mut rig = rig(100, 3);

@@ -32,7 +32,7 @@ pub struct Visibility {
     pub light_rays: LightRayHits,
     /// Of a light with a filter, or links that scale its light.
     pub factors: LightFactors,
-    /// Points of a light with a size that moves, and its middle.
+    /// Points of an area light that moves, and its middle.
     pub points: Buffer<PackedLight>,
 }
 

@@ -1,4 +1,4 @@
-//! Lights with a size while they move, by interleaved sampling [Keller 2001]: a picture for about the cost of a light
+//! Area lights while they move, by interleaved sampling [Keller 2001]: a picture for about the cost of a light
 //! without size.
 //!
 //! Each view sample is traced towards one of [`SOFT_POINTS`] points of the light, its neighbours towards others. The
@@ -33,7 +33,7 @@ pub struct SoftLights {
     kernels: [[Option<Kernel<ShadeSoftPush>>; 2]; SHAPES],
 }
 
-/// A light with a size, sampled by interleaved points.
+/// An area light, sampled by interleaved points.
 pub struct SoftLight {
     /// [`SOFT_POINTS`] points, of which each sample sees one.
     pub points: [PackedLight; SOFT_POINTS as usize],

@@ -8,7 +8,7 @@ use crate::scene::{Light, LightKind, LightUnit};
 /// An extension with a list of lights to which nodes refer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LightExtension {
-    /// `KHR_lights_punctual`: points, spots and directional lights without size.
+    /// `KHR_lights_punctual`: points, spots and directional lights, all punctual.
     Punctual,
     /// `EXT_lights_area`: rectangles and disks.
     Area,

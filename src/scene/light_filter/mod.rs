@@ -2,7 +2,7 @@
 //! and the colours of environment maps.
 //!
 //! Directions are in the light's frame: +x and +y are the axes of width and height ([`Light::axes`]), +z the light's
-//! direction. All points of a light with a size have the same filter.
+//! direction. All points of an area light have the same filter.
 
 mod attached;
 mod gobo;

@@ -1,4 +1,4 @@
-//! Visibility of a light with a size by interleaved sampling [Keller 2001]: each sample is traced towards one of 64
+//! Visibility of an area light by interleaved sampling [Keller 2001]: each sample is traced towards one of 64
 //! points of the light, its neighbours towards others. A quarter of the samples is traced first, and more of them where
 //! shadows would be noisy.
 

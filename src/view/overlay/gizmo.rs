@@ -20,7 +20,7 @@ pub enum Handle {
     Aim,
     Cone,
     InnerCone,
-    /// The edge or a corner of a light with a size.
+    /// The edge or a corner of an area light.
     Size,
     /// Of a flat light.
     Spread,
@@ -152,7 +152,7 @@ impl Gizmos<'_> {
         handles.chain(doors).collect()
     }
 
-    /// Returns the outline of a light with a size; its first point is the handle.
+    /// Returns the outline of an area light; its first point is the handle.
     fn outline(&self, light: &Light) -> impl Iterator<Item = DVec3> {
         let points = match light.kind {
             _ if light.is_punctual() => Vec::new(),

@@ -6,7 +6,7 @@ use crate::gpu::PassTime;
 use crate::relight::Detail;
 
 /// Keeps frames within a time budget: if an exact frame exceeds it, lights are shaded coarsely during a drag and
-/// exactly at rest. Thousands of lights, and points of lights with a size, are shaded over several frames, so that the
+/// exactly at rest. Thousands of lights, and points of area lights, are shaded over several frames, so that the
 /// window answers meanwhile.
 pub struct DetailControl {
     budget: Duration,

@@ -222,7 +222,7 @@ impl FinalGathering {
         let Some(asked) = self.error.filter(|_| is_due) else { return Ok(None) };
         relighter.set_changes(&self.changes)?;
         let rig = relighter.rig().clone();
-        // What is missing of lights with a size is not waited for.
+        // What is missing of area lights is not waited for.
         let request = Request { detail: Detail::Progressive, ..Picture::Whole.into() };
         let mean = mean_luminance(relighter.linear(request)?).abs();
         self.assess(&rig, mean);

@@ -53,7 +53,7 @@ impl Gizmos<'_> {
             LightKind::Rect => light.size.map(|side| side / 2.0),
             _ => [light.radius; 2],
         };
-        // A light without a size gets a small frame.
+        // A punctual light gets a small frame.
         let half = half.map(|half| half.max(length / 3.0));
         let (sin, cos) = angle.sin_cos();
         Flap {
