@@ -17,7 +17,7 @@ const ALLOWED: [(&str, &[&str]); 18] = [
     ("final_gather", &["bake", "physics", "scene", "shared", "trace"]),
     ("gpu", &["error", "shared", "storage"]),
     ("relight", &["bake", "error", "gpu", "image", "physics", "scene", "shared", "trace"]),
-    ("session", &["bake", "error", "gpu", "relight", "scene", "shared", "storage", "trace"]),
+    ("session", &["bake", "error", "final_gather", "gpu", "image", "relight", "scene", "shared", "storage", "trace"]),
     ("wire", &["desk", "error", "image", "relight", "scene", "storage"]),
     ("reference", &["bake", "image", "physics", "scene", "shared", "trace"]),
     ("report", &["error", "image", "storage"]),

@@ -11,10 +11,10 @@ use relume::relight::output::exposure;
 use relume::relight::{Layers, Picture, Relighter, Request, ToneMap};
 use relume::scene::rig::without_dots;
 use relume::scene::{LightKind, Rig};
+use relume::session::Refinement;
 use relume::{Error, Result};
 
 use super::data_passes::{Data, Surfaces};
-use super::final_gather::Refinement;
 use super::options::{Exposure, check_extension};
 use super::output_file::{as_file_name, make_parent};
 

@@ -13,7 +13,7 @@ use relume::{Error, Result};
 use serde_json::Value;
 
 use super::data_passes::Surfaces;
-use super::final_gather::{FinalOptions, Refinement};
+use super::final_gather::{self, FinalOptions};
 use super::options::{LightOptions, RecordOptions, SceneOptions};
 use super::output::{self, Display, Has, Job, PassKind, Passes, Relighters, Template, Written};
 use super::output_file::{as_file_name, check_outputs};
@@ -205,7 +205,7 @@ fn render(args: &Args, display: &mut Display) -> Result<()> {
             let seed = args.scene_options.view.seed;
             let refine = || args.refine.refine(&session, relighter, seed);
             let refinement = args.refine.is_wanted().then(refine).transpose()?;
-            figures_of_final.get_or_insert(refinement.as_ref().map_or(Value::Null, Refinement::figures));
+            figures_of_final.get_or_insert(refinement.as_ref().map_or(Value::Null, final_gather::figures));
             Ok(refinement)
         };
         output::write(&mut relighters, job, display, &surfaces, &exr, &mut refine, &mut written)?;

@@ -3,10 +3,9 @@
 
 use glam::UVec2;
 
-use super::Site;
-use super::batch_size;
 use super::light_cache::LightCache;
 use super::visibility;
+use super::{Site, batch_size};
 use crate::bake::brdf_factors::Projection;
 use crate::bake::framebuffer::view_samples::Tiling;
 use crate::bake::gather_samples::light_rays::RAYS;

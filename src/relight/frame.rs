@@ -9,8 +9,7 @@ use super::output::inspect::{Inspection, Inspector};
 use super::output::sheet::Grid;
 use super::output::{Output, Outputs};
 use super::passes::{FrameResources, Seeing};
-use super::visibility;
-use super::{Detail, Picture, Relighter, Request};
+use super::{Detail, Picture, Relighter, Request, visibility};
 use crate::error::{Error, Result};
 use crate::gpu::{Frame, PassTime, Pixels, Screen};
 

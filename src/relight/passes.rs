@@ -6,10 +6,9 @@ use glam::{Vec3, Vec4};
 
 use super::finite_check::{self, CheckedPass, FiniteCheck};
 use super::gpu_framebuffer::GpuFramebuffer;
-use super::indirect::Indirect;
-use super::indirect::host_sum;
 use super::indirect::sky_importance::{SkyImportances, point_of};
 use super::indirect::sky_light::{SkyLight, SkyTerms, suns};
+use super::indirect::{Indirect, host_sum};
 use super::light_cache::{Detail, LightPoints, Shade, Source, Term};
 use super::light_changes::LightChanges;
 use super::light_factors::{self, LightFactors, SampleTriangles};

@@ -3,9 +3,8 @@
 use std::io::Read;
 use std::path::{Component, Path, PathBuf};
 
-use base64::Engine;
-use base64::alphabet;
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
+use base64::{Engine, alphabet};
 use percent_encoding::percent_decode_str;
 
 use crate::error::{Error, Result};

@@ -2,8 +2,7 @@
 
 use glam::{DVec3, Vec3};
 use relume::bake::baselines::thesis::{Thesis, shade_thesis};
-use relume::bake::transport::LightTransport;
-use relume::bake::transport::direct;
+use relume::bake::transport::{LightTransport, direct};
 use relume::reference::path_tracer::{Half, Layer, PathTracer};
 use relume::scene::{Light, Material, Rig, Scene};
 use relume::shared::ALBEDO_CAP;

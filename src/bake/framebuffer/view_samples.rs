@@ -8,8 +8,7 @@ use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::{BakeSettings, DeepFramebuffer, EmittedPixel};
-use crate::physics::brdf;
-use crate::physics::octahedral;
+use crate::physics::{brdf, octahedral};
 use crate::scene::{AlphaMode, Camera, Emitters, Projection};
 use crate::shared::{Brdf, ExtraPixel, ExtraSample, NO_BRDF, TILE_SIZE, ViewSample};
 use crate::trace::bvh::{Hit, TracedScene, coverage, passes_by_chance};

@@ -7,8 +7,7 @@ use serde_json::{Value, json};
 use super::json::{Object, array, element, remove_inner};
 use crate::error::Result;
 use crate::scene::files;
-use crate::scene::gltf::document::Document;
-use crate::scene::gltf::document::MESHOPT;
+use crate::scene::gltf::document::{Document, MESHOPT};
 
 /// Merges all buffers and all images that have URIs into one buffer, which is returned.
 pub fn into_one_buffer(root: &mut Object, document: &Document) -> Result<Vec<u8>> {
