@@ -1,13 +1,13 @@
 //! relume: interactive relighting of scenes with fixed camera, geometry and materials.
 //!
 //! With those fixed, which surface each pixel sees, also through mirrors, is known once and for all: the layered deep
-//! framebuffer. A light that moves is shaded again at its view samples; a light that is only recoloured is not even
-//! that: the picture is a sum of cached images, one a light.
+//! framebuffer. When a light moves, its view samples are shaded again. When only its colour changes, the cached images
+//! of the lights are summed again.
 //!
 //! Data flows one way, and no arrow points back (`tests/architecture.rs` has the table):
 //!
 //! ```text
-//! scene -> bake -> relight -> session -> view, the command line
+//! scene -> bake -> relight, final_gather -> session -> view, the command line
 //!   physics, storage and gpu lie below and use none of them; trace uses scene and physics only
 //! ```
 //!
@@ -28,7 +28,7 @@
 //! - [`image`]: EXR and PNG, and how pictures differ.
 //! - [`report`]: a page of what was measured, errors against run time above all.
 //! - [`mod@reference`]: the kernels again in double precision on the CPU, to test them against, and a path tracer: the
-//!   truth.
+//!   reference that errors are measured against.
 //!
 //! ```no_run
 //! use std::path::Path;
@@ -69,11 +69,11 @@
 //! - [Friedman 2015] Friedman, Jones, Fully automatic ID mattes with support for motion blur and transparency,
 //!   SIGGRAPH Posters.
 //! - [Gibson 1998] Gibson, Constrained elastic surface nets, MICCAI.
+//! - [Giraud 2005] Giraud et al., Rounding error analysis of the classical Gram-Schmidt process, Numerische Mathematik
+//!   101.
 //! - [glTF 2.0] The Khronos Group, glTF 2.0 Specification, 2021; Appendix B is its BRDF. Extensions by their names:
 //!   KHR_lights_punctual, EXT_lights_area (draft), EXT_lights_ies, EXT_lights_image_based, KHR_materials_specular,
 //!   KHR_materials_ior, ...
-//! - [Giraud 2005] Giraud et al., Rounding error analysis of the classical Gram-Schmidt process, Numerische Mathematik
-//!   101.
 //! - [Graham 1969] Graham, Bounds on multiprocessing timing anomalies, SIAM Journal on Applied Mathematics 17(2).
 //! - [Grassmann 1985] Grassmann, Taksar, Heyman, Regenerative analysis and steady state distributions for Markov
 //!   chains, Operations Research 33(5).
@@ -86,22 +86,24 @@
 //! - [Heitz 2018] Heitz, Sampling the GGX distribution of visible normals, JCGT 7(4).
 //! - [Heitz 2018b] Heitz, Hill, McGuire, Combining analytic direct illumination and stochastic shadows, I3D.
 //! - [Hosek 2012] Hošek, Wilkie, An analytic model for full spectral sky-dome radiance, SIGGRAPH.
+//! - [IES 2002] ANSI/IESNA LM-63-02, the version before the next.
+//! - [IES 2019] ANSI/IES LM-63-19, IES Standard File Format for the Electronic Transfer of Photometric Data.
 //! - [Ize 2013] Ize, Robust BVH ray traversal, JCGT 2(2).
+//! - [James 1961] James, Stein, Estimation with quadratic loss, Berkeley Symposium on Mathematical Statistics.
+//! - [Jensen 1996] Jensen, Global illumination using photon maps, Eurographics Workshop on Rendering.
 //! - [Joe 2008] Joe, Kuo, Constructing Sobol sequences with better two-dimensional projections, SIAM J. Sci. Comput.
 //!   30(5).
 //! - [Karis 2013] Karis, Real shading in Unreal Engine 4, SIGGRAPH course.
 //! - [Kasson 1995] Kasson, Nin, Plouffe, Hafner, Performing color space conversions with three-dimensional linear
 //!   interpolation, Journal of Electronic Imaging 4(3).
 //! - [Kautz 1999] Kautz, McCool, Interactive rendering with arbitrary BRDFs using separable approximations, EGWR.
-//! - [IES 2002] ANSI/IESNA LM-63-02, the version before the next.
-//! - [IES 2019] ANSI/IES LM-63-19, IES Standard File Format for the Electronic Transfer of Photometric Data.
 //! - [Keinert 2015] Keinert et al., Spherical Fibonacci mapping, ACM Transactions on Graphics 34(6).
-//! - [James 1961] James, Stein, Estimation with quadratic loss, Berkeley Symposium on Mathematical Statistics.
-//! - [Jensen 1996] Jensen, Global illumination using photon maps, Eurographics Workshop on Rendering.
 //! - [Keller 2001] Keller, Heidrich, Interleaved sampling, Eurographics Workshop on Rendering.
 //! - [Keller 2017] Keller et al., The Iray light transport simulation and rendering system, SIGGRAPH talks.
 //! - [Kensler 2006] Kensler, Shirley, Optimizing ray-triangle intersection via automated search, RT.
 //! - [Khronos 2024] The Khronos Group, PBR Neutral tone mapper.
+//! - [Knaus 2011] Knaus, Zwicker, Progressive photon mapping: a probabilistic approach, ACM TOG 30(3).
+//! - [Kopf 2007] Kopf, Cohen, Lischinski, Uyttendaele, Joint bilateral upsampling, SIGGRAPH.
 //! - [Kreutzer 2014] Kreutzer et al., A unified sparse matrix data format for efficient general sparse matrix-vector
 //!   multiplication on modern processors with wide SIMD units, SIAM Journal on Scientific Computing 36(5).
 //! - [Krystek 1985] Krystek, An algorithm to calculate correlated colour temperature, Color Research & Application 10.
@@ -114,8 +116,6 @@
 //! - [OpenGL 4.6] The Khronos Group, The OpenGL Graphics System: A Specification, version 4.6, core profile, 2022.
 //! - [OpenJD 2023] Open Job Description, Template schemas, version 2023-09.
 //! - [Poulin 1992] Poulin, Fournier, Lights from highlights and shadows, I3D.
-//! - [Knaus 2011] Knaus, Zwicker, Progressive photon mapping: a probabilistic approach, ACM TOG 30(3).
-//! - [Kopf 2007] Kopf, Cohen, Lischinski, Uyttendaele, Joint bilateral upsampling, SIGGRAPH.
 //! - [Preetham 1999] Preetham, Shirley, Smits, A practical analytic model for daylight, SIGGRAPH.
 //! - [Reeves 1987] Reeves, Salesin, Cook, Rendering antialiased shadows with depth maps, SIGGRAPH.
 //! - [Reinhard 2002] Reinhard et al., Photographic tone reproduction for digital images, SIGGRAPH.
@@ -124,14 +124,14 @@
 //! - [S-2014-004] Academy of Motion Picture Arts and Sciences, ACEScg: a working space for CGI render and compositing.
 //! - [Saad 1986] Saad, Schultz, GMRES: a generalized minimal residual algorithm, SIAM Journal on Scientific and
 //!   Statistical Computing 7(3).
+//! - [Schlick 1994] Schlick, An inexpensive BRDF model for physically-based rendering, Computer Graphics Forum 13(3).
 //! - [Sinkhorn 1967] Sinkhorn, Knopp, Concerning nonnegative matrices and doubly stochastic matrices, Pacific Journal
 //!   of Mathematics 21(2).
 //! - [Sobotka 2022] Sobotka, AgX; [Wrensch 2023] Wrensch, Minimal AgX implementation.
-//! - [Schlick 1994] Schlick, An inexpensive BRDF model for physically-based rendering, Computer Graphics Forum 13(3).
 //! - [Steele 2014] Steele, Lea, Flood, Fast splittable pseudorandom number generators, OOPSLA.
+//! - [Sutherland 1974] Sutherland, Hodgman, Reentrant polygon clipping, Communications of the ACM.
 //! - [UsdLux 2025] Pixar Animation Studios, UsdLux: USD lighting schema, documentation of OpenUSD 25.11.
 //! - [van der Corput 1935] van der Corput, Verteilungsfunktionen, Proc. Ned. Akad. v. Wet. 38.
-//! - [Sutherland 1974] Sutherland, Hodgman, Reentrant polygon clipping, Communications of the ACM.
 //! - [Veach 1995] Veach, Guibas, Optimally combining sampling techniques for Monte Carlo rendering, SIGGRAPH.
 //! - [Veach 1997] Veach, Robust Monte Carlo methods for light transport simulation, dissertation, Stanford University.
 //! - [Walter 2007] Walter et al., Microfacet models for refraction through rough surfaces, EGSR.

@@ -40,7 +40,7 @@ fn files_named_in_the_documentation_exist() {
 fn every_citation_is_in_the_bibliography() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let bibliography = std::fs::read_to_string(root.join("src/lib.rs")).unwrap();
-    let mut folders = vec![root.join("src"), root.join("glsl")];
+    let mut folders = ["src", "glsl", "docs"].map(|folder| root.join(folder)).to_vec();
     while let Some(folder) = folders.pop() {
         for entry in std::fs::read_dir(folder).unwrap().flatten() {
             let path = entry.path();

@@ -498,7 +498,8 @@ impl Relighter {
         self.inspector.as_ref()?.probed()
     }
 
-    /// The picture for a display: 8-bit values with alpha, row by row; sRGB but for [`ToneMap::View`].
+    /// The picture for a display: width * height pixels of 8 bits a channel with alpha, row 0 at the top; sRGB but for
+    /// [`ToneMap::View`]. Errors: the device is lost or out of memory.
     pub fn display(&mut self, request: impl Into<Request>) -> Result<&[[u8; 4]]> {
         let request = request.into();
         let output = Output::Display { exposure: request.exposure, tone_map: request.tone_map.clone() };
@@ -521,7 +522,8 @@ impl Relighter {
         Self::show_pixels(&mut self.frames, &mut self.times, pixels, screen)
     }
 
-    /// The picture in scene-linear Rec. 709 radiance, row by row.
+    /// The picture in scene-linear Rec. 709 radiance: width * height pixels, row 0 at the top. Errors as of
+    /// [`Self::display`].
     pub fn linear(&mut self, request: impl Into<Request>) -> Result<&[[f32; 3]]> {
         let request = request.into();
         self.run(&request, Output::Linear, None)?;

@@ -327,7 +327,8 @@ fn reduced(BakeInput { scene, framebuffer }: BakeInput, pixels: f64) -> Option<D
 }
 
 impl Session {
-    /// Loads and bakes `path` with the lights of `rig_path`, or its own.
+    /// Loads and bakes `path` with the lights of `rig_path`, or its own. Errors: [`Error::Import`] of a file,
+    /// [`Error::Invalid`] of what does not fit memory or the device, [`Error::Cancelled`].
     pub fn open(
         path: &Path,
         rig_path: Option<&Path>,

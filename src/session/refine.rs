@@ -34,9 +34,9 @@ pub struct Refinement {
 const CHECK_EVERY: f64 = 0.25;
 
 impl Session {
-    /// Gathers indirect light for the lights of the relighter's rig, and adds what its pictures of them lack. `tell` gets
-    /// the expected error whenever it is known again. Only for sessions whose indirect light
-    /// [has all light](super::IndirectSettings::has_all_light).
+    /// Gathers indirect light for the lights of the relighter's rig, and adds what its pictures of them lack. `tell`
+    /// gets the expected error whenever it is known again. Only for sessions whose indirect light [has all
+    /// light](super::IndirectSettings::has_all_light).
     ///
     /// # Errors
     /// Those of the device.
