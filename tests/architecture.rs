@@ -43,7 +43,6 @@ const ALLOWED: [(&str, &[&str]); 18] = [
         "cli",
         &[
             "bake",
-            "final_gather",
             "gpu",
             "image",
             "reference",
