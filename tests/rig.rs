@@ -820,6 +820,7 @@ unset = ["range"]
     assert!(wrong("lumen", "kind = \"disk\"\nlumen").contains("kind is the same in all shots"));
     assert!(wrong("lumen", "lummen").contains("unknown field `lummen`"));
     assert!(wrong("unset = [\"range\"]", "unset = 3").contains("no list of keys"));
+    assert!(wrong("unset = [\"range\"]", "unset = [\"rnage\"]").contains("light \"key\": unknown field `rnage`"));
     assert!(wrong("unset = [\"range\"]", "range = -1").contains("light \"key\""));
     assert!(wrong(of_key, "lumen").contains("an entry without a name"));
     assert!(refusal(&format!("{text}\n[[shot]]\ncamera = \"eye_left\"")).contains("is defined twice"));

@@ -81,6 +81,7 @@ fn wrong_edits_change_nothing_and_say_why() {
     let (mut client, opened) = Client::opened(&serve.file, "");
     let emitters = json!({ "lamp": { "kind": "emitter", "material": "nothing" } });
     for (rig, reason) in [
+        (json!({ "lights": { "point0": { "rnage": null } } }), "light \"point0\": unknown field `rnage`"),
         (json!({ "lights": { "point0": { "radius": -1 } } }), "light \"point0\": radius is -1"),
         (json!({ "lights": { "point0": { "colour": [1, 1, 1] } } }), "light \"point0\": unknown field `colour`"),
         (

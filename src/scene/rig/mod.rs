@@ -5,6 +5,7 @@
 
 mod blackbody;
 pub mod diff;
+mod keys;
 pub mod merge_patch;
 pub mod patch;
 mod read;

@@ -2,9 +2,13 @@
 
 use std::path::Path;
 
+use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 
+use super::keys::keys_of;
 use super::merge_patch::{Object, merge, object};
+use super::read::GroupEntry;
+use super::read_light::LightEntry;
 use super::{Rig, without_dots};
 use crate::scene::{LightKind, ObjectSet, RigFiles};
 
@@ -44,7 +48,8 @@ fn patch_group(rig: &mut Rig, name: &str, change: Value) -> Result<(), String> {
         }
         (known, Value::Object(change)) => {
             let entry = known.map_or_else(|| json!({ "name": name }), |group| json!(rig.group_entry(group)));
-            let parsed = parse(&what, &[patched(entry, change)], &[], RigFiles::new(Path::new("")))?;
+            let parsed =
+                parse(&what, &[patched::<GroupEntry>(&what, entry, change)?], &[], RigFiles::new(Path::new("")))?;
             match (known, parsed.groups.into_iter().next().expect("one was parsed")) {
                 (Some(group), parsed) => rig.groups[group] = parsed,
                 (None, parsed) => rig.groups.push(parsed),
@@ -88,7 +93,7 @@ fn patch_lights(rig: &mut Rig, changes: Vec<(String, Value)>, folder: &Path) -> 
                 let base = known.map(|light| &rig.lights[light]);
                 let entry = known.map_or_else(|| json!({ "name": name }), |light| json!(rig.light_entry(light)));
                 let follows_anew = change.contains_key("follows");
-                let mut entry = patched(entry, change);
+                let mut entry = patched::<LightEntry>(&what, entry, change)?;
                 let leader = entry.remove("follows").unwrap_or(Value::Null);
                 let group = entry.get("group").and_then(Value::as_str).map(without_dots);
                 let group = group.and_then(|name| rig.groups.iter().position(|group| group.name == name));
@@ -132,15 +137,20 @@ fn patch_lights(rig: &mut Rig, changes: Vec<(String, Value)>, folder: &Path) -> 
     rig.leaders_first().map(drop).map_err(cyclic)
 }
 
-/// The merged entry. Of keys that exclude each other those of the change stay.
-fn patched(entry: Value, change: Object) -> Object {
+/// The merged entry of a light or group. Of keys that exclude each other those of the change stay. An error names a key
+/// that is to be removed and that a `T` does not have.
+fn patched<T: DeserializeOwned>(what: &str, entry: Value, change: Object) -> Result<Object, String> {
+    let is_unknown = |(key, value): &(&String, &Value)| value.is_null() && !keys_of::<T>().contains(&key.as_str());
+    if let Some((key, _)) = change.iter().find(is_unknown) {
+        return Err(format!("{what}: unknown field `{key}`"));
+    }
     let mut entry = object(entry);
     let given = |key: &&str| change.get(*key).is_some_and(|value| !value.is_null());
     for keys in EXCLUSIVE.iter().filter(|keys| keys.iter().any(&given)) {
         keys.iter().for_each(|key| drop(entry.remove(*key)));
     }
     merge(&mut entry, change);
-    entry
+    Ok(entry)
 }
 
 /// Reads entries as those of a rig file. An error begins with `what`.

@@ -68,7 +68,7 @@ struct CameraEntry {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct GroupEntry {
+pub struct GroupEntry {
     name: Spanned<String>,
     #[serde(default)]
     stops: f64,
