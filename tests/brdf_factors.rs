@@ -6,7 +6,7 @@ use std::path::Path;
 use std::sync::OnceLock;
 
 use glam::{DVec3, Vec3};
-use relume::bake::brdf_factors::Projection;
+use relume::bake::brdf_factors::HarmonicProjection;
 use relume::bake::brdf_factors::harmonics::{Harmonics, MAX_FUNCTIONS};
 use relume::bake::brdf_factors::svd::{self, Factors, Terms};
 use relume::physics::brdf::{Lobes, f};
@@ -137,7 +137,7 @@ fn measure(roughness: f32) -> Measured {
     let functions = |wi: Vec3, wo: Vec3| {
         let (mut h, mut k) = ([0.0; MAX_FUNCTIONS], [Vec3::ZERO; MAX_FUNCTIONS]);
         Harmonics::get().evaluate(wo, &mut h);
-        Projection::get().project(&brdf, wi, &mut k);
+        HarmonicProjection::get().project(&brdf, wi, &mut k);
         h.iter().zip(&k).map(|(h, k)| f64::from(h * k.x)).collect()
     };
     let (drawn, texels) = (drawn(&brdf), texels(&brdf));

@@ -12,7 +12,7 @@ use relume::bake::compression::bounces::Bounces;
 use relume::bake::compression::lights::{Kind, RandomLights};
 use relume::bake::compression::training::{Group, Trainer};
 use relume::bake::compression::validation::{Validation, validate};
-use relume::bake::compression::{CompressionSettings, Operator, Report, vector_batch};
+use relume::bake::compression::{CompressionSettings, FitReport, Operator, vector_batch};
 use relume::bake::transfer::Transfer;
 use relume::bake::transfer::blocks::BlockMatrix;
 use relume::bake::transport::directions::Lobe;
@@ -81,7 +81,7 @@ fn factors(matrix: &BlockMatrix) -> &[f16] {
     bytemuck::cast_slice(&matrix.values)
 }
 
-fn report(transfer: &Transfer) -> &Report {
+fn report(transfer: &Transfer) -> &FitReport {
     transfer.report.held_out.as_ref().expect("it is compressed")
 }
 

@@ -10,7 +10,7 @@ use common::stage::{Build, Setup, Stage, emitter, lambert, look, mirror, pixels,
 use common::{Gpu, gpu, transfer};
 use glam::{DVec3, UVec2, UVec4, Vec3, Vec4};
 use relume::bake::baselines::thesis::{Thesis, ThesisSettings, shade_thesis};
-use relume::bake::brdf_factors::Projection;
+use relume::bake::brdf_factors::HarmonicProjection;
 use relume::bake::brdf_factors::svd::Terms;
 use relume::bake::compression::CompressionSettings;
 use relume::bake::framebuffer::view_samples::resolve;
@@ -24,7 +24,7 @@ use relume::gpu::{Access, Buffer, Frames, Kernel, Pass, SharedFloat};
 use relume::relight::indirect::host_product::{self, LightVectors, Results, ViewSampleRadiance};
 use relume::relight::{Layers, Picture, Request, Site, VisibilityMethod};
 use relume::scene::rig::Rig;
-use relume::scene::{Light, LightKind, Material, Projection as Lens, Scene};
+use relume::scene::{Light, LightKind, Material, Projection, Scene};
 use relume::shared::gpu_struct::Write;
 use relume::shared::*;
 use relume::storage::journal::Journal;
@@ -391,7 +391,7 @@ fn room() -> (Scene, relume::scene::Camera) {
     build.quad(DVec3::new(-0.6, 0.97, 0.3), DVec3::X * 0.2, -DVec3::Z * 0.2, glow);
     build.quad(DVec3::new(0.6, -0.6, -0.1), DVec3::new(0.2, 0.1, 0.1), DVec3::new(0.0, 0.3, -0.1), metal);
     let camera =
-        look(DVec3::new(0.1, 0.1, 0.95), DVec3::new(0.0, -0.1, -1.0), DVec3::Y, Lens::Perspective { yfov: 1.3 });
+        look(DVec3::new(0.1, 0.1, 0.95), DVec3::new(0.0, -0.1, -1.0), DVec3::Y, Projection::Perspective { yfov: 1.3 });
     (build.scene(), camera)
 }
 
@@ -438,7 +438,7 @@ fn shade_gather() {
     let framebuffer = Transfer::new(level, length, Vec::new());
     let samples = Buffer::from_slice(&gpu, "test samples", &framebuffer.samples).unwrap();
     let points = Buffer::from_slice(&gpu, "test points", &framebuffer.points).unwrap();
-    let tables = Buffer::from_slice(&gpu, "test tables", &Projection::get().tables()).unwrap();
+    let tables = Buffer::from_slice(&gpu, "test tables", &HarmonicProjection::get().tables()).unwrap();
     let points_per_sample = framebuffer.points_per_sample as u32;
     let kernels = [false, true].map(|soft| {
         let constants = ShadeGatherConstants { points_per_sample, soft, ..ShadeGatherConstants::default() };
@@ -471,7 +471,7 @@ fn shade_gather() {
         level.light_rays.shade(
             &*stage.scene,
             &framebuffer.samples,
-            Projection::get(),
+            HarmonicProjection::get(),
             &[packed],
             None,
             |index, value| {
@@ -762,7 +762,7 @@ fn scenes_where_nothing_reflects_have_no_indirect_light() {
     let mut build = Build::default();
     let glow = build.material(emitter(Vec3::ONE));
     build.room(DVec3::ZERO, 1.0, glow);
-    let camera = look(DVec3::ZERO, DVec3::Z, DVec3::Y, Lens::Perspective { yfov: 1.0 });
+    let camera = look(DVec3::ZERO, DVec3::Z, DVec3::Y, Projection::Perspective { yfov: 1.0 });
     let setup = Setup::new(16, 16);
     let mut stage = Stage::new(build.scene(), &camera, &lights(), &setup);
     stage.transfer = Some(transfer::dense(&stage, &settings(100, 100)));

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use relume::bake::cache;
 use relume::bake::compression::validation::ValidationError;
-use relume::bake::compression::{Part, Report};
+use relume::bake::compression::{FitReport, Part};
 use relume::bake::transfer::TransferReport;
 use relume::{Error, Result};
 use serde_json::json;
@@ -149,7 +149,7 @@ fn bake(args: &Args, scene: &Path) -> Result<()> {
         let residual = residual.map_or(String::new(), |residual| format!("; residual of all bounces: {residual:.0e}"));
         out!("spectral radius: {spectral_radius:.4}{residual}")?;
         if let Some(held_out) = held_out {
-            let Report { point, spot, worst, noise, refined, missed, excess, .. } = held_out;
+            let FitReport { point, spot, worst, noise, refined, missed, excess, .. } = held_out;
             out!(
                 "against its own rows: points {}, spots {}, worst {}",
                 percent(*point),

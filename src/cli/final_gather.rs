@@ -39,12 +39,8 @@ impl FinalOptions {
         match indirect {
             _ if !self.is_wanted() => Ok(()),
             None => Err(Error::invalid(option, "with --gi off there is no indirect light to gather")),
-            Some(indirect) if indirect.has_all_light() => Ok(()),
-            Some(_) => {
-                let reason =
-                    "gathers glossy light of all bounces: leave out --bounces, --gi diffuse and --method thesis";
-                Err(Error::invalid(option, reason))
-            }
+            Some(indirect) if indirect.has_all_bounces() => Ok(()),
+            Some(_) => Err(Error::invalid(option, "gathers all bounces: leave out --bounces and --method thesis")),
         }
     }
 

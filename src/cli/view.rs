@@ -46,8 +46,8 @@ pub struct Args {
     #[arg(long, value_name = "MS", default_value_t = 33.0, value_parser = parse_budget)]
     frame_budget: f64,
     /// Once the lights rest, gathers their indirect light anew until the expected error of a pixel, relative to the
-    /// mean of the picture, is at most this: a fraction, or percent with %. off: never. Never with --bounces, --gi
-    /// diffuse or --method thesis, because it gathers glossy light of all bounces.
+    /// mean of the picture, is at most this: a fraction, or percent with %. off: never. Never with --bounces
+    /// or --method thesis, because it gathers all bounces.
     #[arg(id = "final", long, value_name = "ERROR", default_value = "1%", value_parser = parse_at_rest)]
     final_error: AtRest,
     #[command(flatten)]
@@ -77,7 +77,7 @@ pub fn run(args: &Args) -> Result<()> {
         listen: args.listen.clone(),
         frame_budget: Duration::from_secs_f64(args.frame_budget * 1e-3),
         rest_samples: args.scene_options.samples.unwrap_or(REST_SAMPLES),
-        final_error: args.final_error.0.filter(|_| indirect.is_some_and(|indirect| indirect.has_all_light())),
+        final_error: args.final_error.0.filter(|_| indirect.is_some_and(|indirect| indirect.has_all_bounces())),
         trace: args.files.trace.is_some(),
     };
     args.scene_options.view.use_threads();

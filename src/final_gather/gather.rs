@@ -20,7 +20,7 @@ use super::photons::{LitPoint, Sent};
 use super::sources::Source;
 use super::surface_cells::SurfaceCells;
 use crate::bake::DeepFramebuffer;
-use crate::bake::brdf_factors::Projection;
+use crate::bake::brdf_factors::HarmonicProjection;
 use crate::bake::transport::directions::Lobe;
 use crate::bake::transport::fan::Fan;
 use crate::physics::brdf::{self, Lobes};
@@ -422,7 +422,7 @@ impl<R: Fn(u32) -> [f64; 4]> Walk<'_, R> {
                 self.vertex((&surface, cell), wo, weight, (by_area, goes_on), choice);
                 let diffuse = Brdf { f0: Vec3::ZERO, f90: 0.0, ..surface.brdf };
                 if let Some(cell) = cell.filter(|_| diffuse.diffuse != Vec3::ZERO) {
-                    let albedo = Projection::get().albedo(&diffuse, cosine as f32).as_dvec3();
+                    let albedo = HarmonicProjection::get().albedo(&diffuse, cosine as f32).as_dvec3();
                     let radiance = weight * albedo * std::f64::consts::FRAC_1_PI;
                     for (source, irradiance) in cache.reflected(cell).enumerate() {
                         self.sums[source * PACKET_SIZE + self.lane] += radiance * irradiance.as_dvec3();

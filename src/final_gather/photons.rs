@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::sources::Source;
 use super::surface_cells::SurfaceCells;
-use crate::bake::brdf_factors::Projection;
+use crate::bake::brdf_factors::HarmonicProjection;
 use crate::physics::brdf::{self, Lobes};
 use crate::physics::sequence::Points;
 use crate::shared::ALBEDO_CAP;
@@ -278,7 +278,7 @@ impl Photons {
                 let Some(lobes) = lobes else { return };
                 let Some(wi) = lobes.sample([u, v, (choice - share) / (1.0 - share)]) else { return };
                 let at = lobes.at(wi);
-                let capped = Projection::get().cap(&surface.brdf, cosine as f32).as_dvec3();
+                let capped = HarmonicProjection::get().cap(&surface.brdf, cosine as f32).as_dvec3();
                 (wi, at.sum() * capped / (at.density * (1.0 - share)))
             };
             // Light that arrives is symmetric at the shading normal, photons are not [Veach 1997, Section 5.3].

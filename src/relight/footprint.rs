@@ -6,7 +6,7 @@ use glam::UVec2;
 use super::light_cache::LightCache;
 use super::visibility;
 use super::{Site, batch_size};
-use crate::bake::brdf_factors::Projection;
+use crate::bake::brdf_factors::HarmonicProjection;
 use crate::bake::framebuffer::view_samples::Tiling;
 use crate::bake::gather_samples::light_rays::RAYS;
 use crate::bake::transport::{max_coefficients, sky};
@@ -153,7 +153,7 @@ impl Footprint {
             let coefficients = max_coefficients(samples, functions);
             part("gather samples", Cause::Gather, size_of::<LightSample>() * samples, 1);
             part("points of gather samples", Cause::Gather, size_of::<ViewSample>() * points, 1);
-            part("tables of gather samples", Cause::Program, 4 * Projection::TABLE_LENGTH, 1);
+            part("tables of gather samples", Cause::Program, 4 * HarmonicProjection::TABLE_LENGTH, 1);
             part("visibility of gather samples", Cause::Gather, packed(points), visibility::BUFFERS);
             part("light factors at gather samples", Cause::Gather, size_of::<UVec2>() * points, filtered);
             let hits = RAYS.min(samples) * functions;

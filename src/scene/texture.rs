@@ -32,14 +32,14 @@ pub struct Texture {
     pub name: String,
     pub encoding: Encoding,
     /// Finest first; each level has half the size of the previous one, rounded down; the last is 1x1. Never empty.
-    pub levels: Vec<Level>,
+    pub levels: Vec<MipLevel>,
     /// Minimum of each channel, as stored; the upper byte of 16-bit channels.
     pub least: [u8; 4],
 }
 
 /// One level of a mip pyramid.
 #[derive(Clone)]
-pub struct Level {
+pub struct MipLevel {
     pub width: usize,
     pub height: usize,
     /// width * height, row by row; the upper bytes of 16-bit channels.
@@ -186,7 +186,7 @@ impl Image {
     /// The texels as linear RGBA.
     pub fn to_linear(self, encoding: Encoding) -> Vec<Vec4> {
         let Self { width, height, texels, low } = self;
-        let (decode, level) = (Decode::of(encoding), Level { width, height, texels, low });
+        let (decode, level) = (Decode::of(encoding), MipLevel { width, height, texels, low });
         (0..width * height).map(|i| decode.texel(&level, i)).collect()
     }
 }
@@ -210,7 +210,7 @@ impl Texture {
         assert!(!texels.is_empty(), "a texture has at least one texel");
         let is_deep = !low.is_empty();
         let least = texels.iter().fold([255; 4], |least, t| std::array::from_fn(|c| t[c].min(least[c])));
-        let mut levels = vec![Level { width, height, texels, low }];
+        let mut levels = vec![MipLevel { width, height, texels, low }];
         let decode = Decode::of(encoding);
         // Each level is computed from the previous one before rounding; the finest is exact as stored.
         let mut finer: Vec<Vec4> = Vec::new();
@@ -227,7 +227,7 @@ impl Texture {
                 let byte = |&t: &Vec4| stored(t, encoding, 255.0).map(|c| c as u8);
                 (finer.par_iter().map(byte).collect(), Vec::new())
             };
-            levels.push(Level { width, height, texels, low });
+            levels.push(MipLevel { width, height, texels, low });
         }
         Self { name, encoding, levels, least }
     }
@@ -377,7 +377,7 @@ impl Decode {
 
     /// Texel `i` as linear RGBA.
     #[inline(always)]
-    fn texel(&self, level: &Level, i: usize) -> Vec4 {
+    fn texel(&self, level: &MipLevel, i: usize) -> Vec4 {
         let [r, g, b, a] = level.texels[i];
         let Some(low) = level.low.get(i) else {
             let of = |c: u8| self.of_8_bits[c as usize];

@@ -43,9 +43,9 @@ pub enum IndirectSettings {
 }
 
 impl IndirectSettings {
-    /// Whether it has all bounces, and glossy ones: what final gathering estimates.
-    pub fn has_all_light(&self) -> bool {
-        matches!(self, Self::Robust { outgoing: Outgoing::Glossy { .. }, bounces: None, .. })
+    /// Whether it has all bounces: what final gathering estimates.
+    pub fn has_all_bounces(&self) -> bool {
+        matches!(self, Self::Robust { bounces: None, .. })
     }
 }
 

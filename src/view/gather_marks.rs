@@ -6,7 +6,7 @@ use egui::{Color32, Mesh, Pos2, Rect, Shape, Ui, Vec2};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::Opened;
+use super::LoadedScene;
 use crate::bake::transfer::Transfer;
 
 /// The visible gather samples and their marks.
@@ -24,7 +24,7 @@ const SIZES: [(f32, Color32); 2] = [(1.75, Color32::from_black_alpha(170)), (1.0
 
 impl GatherMarks {
     /// Returns `marks` if they belong to the current transfer, else new marks.
-    pub fn get(marks: Option<Self>, opened: &Opened) -> Self {
+    pub fn get(marks: Option<Self>, opened: &LoadedScene) -> Self {
         marks.filter(|marks| opened.has(&marks.transfer)).unwrap_or_else(|| Self {
             transfer: opened.transfer.clone(),
             seen: seen(opened),
@@ -51,7 +51,7 @@ impl GatherMarks {
 }
 
 /// Returns the samples whose first point is visible from the camera.
-fn seen(opened: &Opened) -> Vec<DVec3> {
+fn seen(opened: &LoadedScene) -> Vec<DVec3> {
     let Some(transfer) = &opened.transfer else { return Vec::new() };
     let (scene, camera) = (&opened.scene, &opened.framebuffer.camera);
     let aspect = f64::from(opened.framebuffer.tiling.width) / f64::from(opened.framebuffer.tiling.height);

@@ -3,7 +3,7 @@
 use egui::{Color32, ColorImage, TextureHandle, TextureOptions, Ui};
 use glam::{DVec2, DVec3, Vec3};
 
-use super::Opened;
+use super::LoadedScene;
 use crate::desk::Desk;
 use crate::scene::light_filter::PosedFilter;
 use crate::scene::{Camera, Light, LightKind, MeshSpace, Projection};
@@ -27,7 +27,7 @@ pub struct LightView {
 
 impl LightView {
     /// Updates the image if the light has changed, or if it `rests` and the image is coarse. Returns whether it did.
-    pub fn make(&mut self, opened: &Opened, light: &Light, rests: bool) -> bool {
+    pub fn make(&mut self, opened: &LoadedScene, light: &Light, rests: bool) -> bool {
         if !is_looked_through(light) {
             return false; // it is everywhere
         }
@@ -43,7 +43,7 @@ impl LightView {
     }
 
     /// Draws the window with the image; a drag in it turns the light.
-    pub fn show(&mut self, ui: &mut Ui, opened: &Opened, desk: &mut Desk) {
+    pub fn show(&mut self, ui: &mut Ui, opened: &LoadedScene, desk: &mut Desk) {
         let Some(light) = desk.selected_light().filter(|light| is_looked_through(light)).cloned() else { return };
         if !light.has_direction() {
             self.made_for = None;
@@ -98,7 +98,7 @@ fn is_looked_through(light: &Light) -> bool {
 
 /// Returns a camera at the light. It shows the whole cone of a spot light, the whole scene for a directional light, and
 /// a wide view towards the middle of the scene for a point light.
-fn view(opened: &Opened, light: &Light) -> Camera {
+fn view(opened: &LoadedScene, light: &Light) -> Camera {
     let MeshSpace { origin: middle, unit: radius } = opened.scene.space;
     let (position, direction, projection) = match light.kind {
         LightKind::Directional => {
@@ -125,7 +125,7 @@ fn view(opened: &Opened, light: &Light) -> Camera {
     camera.expect("up is not along the direction")
 }
 
-fn cast(opened: &Opened, light: &Light, [width, height]: [usize; 2]) -> Vec<Color32> {
+fn cast(opened: &LoadedScene, light: &Light, [width, height]: [usize; 2]) -> Vec<Color32> {
     let view = view(opened, light);
     let scene = &*opened.scene;
     let filter = PosedFilter::new(light);

@@ -83,7 +83,7 @@ pub struct PictureSettings {
 
 /// A loaded and baked scene.
 #[derive(Clone)]
-pub struct Opened {
+pub struct LoadedScene {
     pub scene: Arc<TracedScene>,
     pub framebuffer: Arc<DeepFramebuffer>,
     /// `None` until it is baked, or without indirect light.
@@ -94,7 +94,7 @@ pub struct Opened {
     pub changed: Option<String>,
 }
 
-impl Opened {
+impl LoadedScene {
     /// Whether `transfer` is the one that is shown, not an equal one.
     fn has(&self, transfer: &Option<Arc<Transfer>>) -> bool {
         self.transfer.as_ref().map(Arc::as_ptr) == transfer.as_ref().map(Arc::as_ptr)

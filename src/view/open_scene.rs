@@ -36,7 +36,7 @@ use super::shot_sheet::ShotSheet;
 use super::still::Still;
 use super::view_state::{Dialog, ViewState};
 use super::views::View;
-use super::{Opened, ViewSettings};
+use super::{LoadedScene, ViewSettings};
 use crate::bake::transfer::Transfer;
 use crate::desk::describe::rounded;
 use crate::desk::selection::Selection;
@@ -51,7 +51,7 @@ use crate::scene::{Rig, export_gltf, usd};
 /// An open scene with its desk and relighter.
 pub struct OpenScene {
     pub desk: Desk,
-    pub opened: Opened,
+    pub opened: LoadedScene,
     pub shares: Shares,
     /// Whether indirect light is being baked.
     pub is_baking: bool,
@@ -112,8 +112,13 @@ pub struct Pointer {
 }
 
 impl OpenScene {
-    pub fn new(context: &Arc<Context>, opened: Opened, settings: &ViewSettings, messenger: Messenger) -> Result<Self> {
-        let Opened { scene, framebuffer, transfer, rig, .. } = &opened;
+    pub fn new(
+        context: &Arc<Context>,
+        opened: LoadedScene,
+        settings: &ViewSettings,
+        messenger: Messenger,
+    ) -> Result<Self> {
+        let LoadedScene { scene, framebuffer, transfer, rig, .. } = &opened;
         let relighter =
             Relighter::new(context, scene, framebuffer, transfer.as_ref(), rig, &settings.pictures.relight)?;
         let desk = Desk::new(rig.clone(), framebuffer.camera.clone(), scene.space.unit);

@@ -8,7 +8,7 @@ use serde_json::json;
 
 use super::loading::load::{LoadEvent, Messenger, Numbered, SceneSource};
 use super::loading::loads::{Change, Loads};
-use super::{Opened, PictureSettings};
+use super::{LoadedScene, PictureSettings};
 use crate::desk::Desk;
 use crate::error::{Error, Result};
 use crate::gpu::Context;
@@ -131,13 +131,13 @@ impl Served {
         Ok(())
     }
 
-    fn relighter(&self, opened: &Opened, rig: &Rig) -> Result<Relighter> {
-        let Opened { scene, framebuffer, transfer, .. } = opened;
+    fn relighter(&self, opened: &LoadedScene, rig: &Rig) -> Result<Relighter> {
+        let LoadedScene { scene, framebuffer, transfer, .. } = opened;
         Relighter::new(&self.context, scene, framebuffer, transfer.as_ref(), rig, &self.settings.relight)
     }
 
     /// An error leaves the scene as it was.
-    fn replace(&mut self, opened: &Opened) -> Result<()> {
+    fn replace(&mut self, opened: &LoadedScene) -> Result<()> {
         let open = self.open.as_ref().expect("a scene is open");
         let wrong = |reason: String| Error::invalid("the scene that was loaded again", reason);
         let rig = open.desk.rig_in(&opened.scene, &opened.rig).map_err(wrong)?;

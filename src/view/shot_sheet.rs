@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use egui::{ColorImage, RichText, TextureHandle, TextureOptions, Ui};
 
-use super::Opened;
+use super::LoadedScene;
 use super::input::action::Action;
 use super::input::keys::Command;
 use super::loading::load::{LoadEvent, Loading};
@@ -33,7 +33,7 @@ pub struct ShotSheet {
 /// One camera's picture.
 #[derive(Default)]
 struct Shot {
-    opened: Option<Opened>,
+    opened: Option<LoadedScene>,
     /// Whether its indirect light is complete.
     is_complete: bool,
     relighter: Option<Relighter>,
@@ -98,7 +98,7 @@ impl ShotSheet {
     }
 
     /// What is known of a shot once its indirect light is complete.
-    pub fn complete(&self, shot: usize) -> Option<&Opened> {
+    pub fn complete(&self, shot: usize) -> Option<&LoadedScene> {
         self.shots.get(shot).filter(|shot| shot.is_complete)?.opened.as_ref()
     }
 
@@ -126,7 +126,7 @@ impl ShotSheet {
         let shot = &mut self.shots[shot];
         let opened = shot.opened.as_ref()?;
         if shot.relighter.is_none() {
-            let Opened { scene, framebuffer, transfer, rig, .. } = opened;
+            let LoadedScene { scene, framebuffer, transfer, rig, .. } = opened;
             match Relighter::new(context, scene, framebuffer, transfer.as_ref(), rig, settings) {
                 Ok(relighter) => shot.relighter = Some(relighter),
                 Err(error) => shot.note = error.chain(),
@@ -163,7 +163,7 @@ impl ShotSheet {
     }
 
     /// Gives the relighter of a shot to the window if it is of `opened`.
-    pub fn give(&mut self, shot: usize, opened: &Opened) -> Option<Relighter> {
+    pub fn give(&mut self, shot: usize, opened: &LoadedScene) -> Option<Relighter> {
         let shot = self.shots.get_mut(shot)?;
         let of = shot.opened.as_ref()?;
         let is_same = Arc::ptr_eq(&of.framebuffer, &opened.framebuffer) && of.has(&opened.transfer);
@@ -171,7 +171,7 @@ impl ShotSheet {
     }
 
     /// Takes what the window showed before it looked from another camera.
-    pub fn keep(&mut self, shot: usize, opened: Opened, relighter: Relighter, is_complete: bool) {
+    pub fn keep(&mut self, shot: usize, opened: LoadedScene, relighter: Relighter, is_complete: bool) {
         if let Some(shot) = self.shots.get_mut(shot) {
             (shot.opened, shot.relighter, shot.is_complete) = (Some(opened), Some(relighter), is_complete);
         }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
-use super::Opened;
+use super::LoadedScene;
 use super::refine::final_gathering::FinalGathering;
 use super::views::{View, Views};
 use crate::bake::channels::Channel;
@@ -35,7 +35,7 @@ impl Still {
     pub fn get(
         still: Option<Self>,
         context: &Arc<Context>,
-        opened: &Opened,
+        opened: &LoadedScene,
         views: &Views,
         blue_first: bool,
         (gathering, rig): (&FinalGathering, &Rig),

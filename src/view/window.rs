@@ -25,7 +25,7 @@ use super::panel::controls::PANEL_WIDTH;
 use super::remote::Remote;
 use super::timings::Timings;
 use super::view_state::{Dialog, ViewState};
-use super::{Latency, Opened, ViewReport, ViewSettings};
+use super::{Latency, LoadedScene, ViewReport, ViewSettings};
 use crate::error::{Cause, Error, Result};
 use crate::gpu::{PassTime, Placement, Screen, UiFrame};
 
@@ -167,7 +167,7 @@ impl App {
         self.ask_for_frame();
     }
 
-    fn open(&mut self, opened: Opened) -> Result<()> {
+    fn open(&mut self, opened: LoadedScene) -> Result<()> {
         let Some(graphics) = &self.graphics else { return Ok(()) };
         let start = Instant::now();
         let mut open_scene = OpenScene::new(&graphics.context, opened, &self.settings, self.loads.messenger())?;

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::bake::compression::inputs::Inputs;
 use crate::bake::compression::largest::largest;
-use crate::bake::compression::report::{Report, mean, relative};
+use crate::bake::compression::report::{FitReport, mean, relative};
 use crate::bake::compression::training::Direct;
 use crate::bake::compression::vector_batch::{self, VectorBatch, WIDTH};
 use crate::bake::compression::{
@@ -121,7 +121,11 @@ impl<'a> RowWavelets<'a> {
 
     /// Rows of all view samples that reflect light, indirect light of emitters, and an error report. Rows found in
     /// `journal` are reused. `progress` counts view samples.
-    pub fn compress(&self, journal: &mut Journal, progress: &dyn Fn(usize)) -> (SellMatrix, Vec<EmitterLight>, Report) {
+    pub fn compress(
+        &self,
+        journal: &mut Journal,
+        progress: &dyn Fn(usize),
+    ) -> (SellMatrix, Vec<EmitterLight>, FitReport) {
         let all = self.gatherer.framebuffer.samples.len();
         let mut matrix = SellMatrix::new(self.weights.len(), all);
         let mut emission = self.emitted.images(all);
@@ -138,7 +142,7 @@ impl<'a> RowWavelets<'a> {
             matrix.push(&cut.rows, window);
             progress(window.len());
         }
-        (matrix, emission, Report::new(&errors, self.noise))
+        (matrix, emission, FitReport::new(&errors, self.noise))
     }
 
     /// Compresses some rows.

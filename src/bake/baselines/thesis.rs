@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use crate::bake::DeepFramebuffer;
 use crate::bake::brdf_factors::svd::{Factors, Terms};
-use crate::bake::brdf_factors::{ALBEDO_CAP, Projection};
+use crate::bake::brdf_factors::{ALBEDO_CAP, HarmonicProjection};
 use crate::bake::csr_matrix::CsrMatrix;
 use crate::bake::gather_samples::{GatherSample, GatherSamples, Placement, Surfaces, average};
 use crate::bake::transfer::dense::{explicit, last_matrix};
@@ -312,7 +312,7 @@ fn reflection(samples: &GatherSamples, material: u32, settings: &ThesisSettings)
     let brdf = average(of_material());
     Some(match settings.outgoing {
         Outgoing::Diffuse => {
-            Reflection::Even(Projection::get().hemispherical_albedo(&brdf, ALBEDO_CAP) / std::f32::consts::PI)
+            Reflection::Even(HarmonicProjection::get().hemispherical_albedo(&brdf, ALBEDO_CAP) / std::f32::consts::PI)
         }
         Outgoing::Glossy { .. } => Reflection::Factors(Factors::new(&brdf, settings.terms)),
     })

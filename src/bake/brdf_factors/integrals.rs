@@ -1,10 +1,10 @@
-//! The tables of [`Projection`], by integration. `BLESS=1 cargo test` writes them.
+//! The tables of [`HarmonicProjection`], by integration. `BLESS=1 cargo test` writes them.
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::harmonics::{Harmonics, RADIAL_COUNT, RADIALS};
-use super::{COSINES, NEAR_MIRROR_ALPHA, Projection, ROUGHNESSES};
+use super::{COSINES, HarmonicProjection, NEAR_MIRROR_ALPHA, ROUGHNESSES};
 use crate::physics::brdf::{Lobes, Reflected};
 use crate::shared::Brdf;
 
@@ -12,7 +12,7 @@ use crate::shared::Brdf;
 /// symmetric.
 const FACETS: [usize; 2] = [12, 288];
 
-impl Projection {
+impl HarmonicProjection {
     fn integrated() -> Self {
         let white = Brdf {
             diffuse: Vec3::ZERO,
@@ -86,13 +86,13 @@ fn integrate(brdf: &Brdf, wi: DVec3, parts: impl Fn(&Reflected) -> [f64; 2]) -> 
 
 #[test]
 fn the_tables_are_the_integrals() {
-    let tables = Projection::integrated().tables();
+    let tables = HarmonicProjection::integrated().tables();
     if std::env::var_os("BLESS").is_some() {
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/src/bake/brdf_factors/projection.f32");
         let bytes: Vec<u8> = tables.iter().flat_map(|value| value.to_le_bytes()).collect();
         return std::fs::write(path, bytes).unwrap();
     }
-    let stored = Projection::get().tables();
+    let stored = HarmonicProjection::get().tables();
     assert_eq!(stored.len(), tables.len());
     // Sines differ in their last bit between systems.
     let error = stored.iter().zip(&tables).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);

@@ -1,8 +1,8 @@
 //! BRDFs as short sums of products, f(ωo, ωi) ≈ Σ h_i(ωo) k_i(ωi): k_i projects incident light onto the coefficients of
 //! a gather sample, and h_i evaluates its outgoing radiance.
 //!
-//! [`harmonics`] and [`Projection`] are our method: one basis h = B for all materials, hemispherical harmonics, and
-//! k_i(ωi) = ∫ B_i f cosθ dω, tabulated for every roughness. [`svd`] is the method of [Yang 2007, Section 4.4].
+//! [`harmonics`] and [`HarmonicProjection`] are our method: one basis h = B for all materials, hemispherical harmonics,
+//! and k_i(ωi) = ∫ B_i f cosθ dω, tabulated for every roughness. [`svd`] is the method of [Yang 2007, Section 4.4].
 
 pub mod harmonics;
 #[cfg(test)]
@@ -26,20 +26,20 @@ const ROUGHNESSES: usize = TABLE_ROUGHNESSES as usize;
 /// Number of cosines, equidistant in their square root, as k is steep near grazing.
 const COSINES: usize = TABLE_COSINES as usize;
 /// k_i over roughness and angle, without the reflectances of glTF's model: it is linear in all of them.
-pub struct Projection {
+pub struct HarmonicProjection {
     /// [roughness][cosine]: radial parts of the specular lobe's k with Fresnel term 1, and with Schlick's weight.
     specular: Vec<[[f32; 2]; RADIAL_COUNT]>,
     /// [cosine]: radial parts of Schlick's weight over pi, which is subtracted from the diffuse lobe.
     schlick: Vec<[f32; RADIAL_COUNT]>,
 }
 
-impl Projection {
+impl HarmonicProjection {
     /// Number of elements of [`Self::tables`].
     pub const TABLE_LENGTH: usize = (2 * ROUGHNESSES + 1) * COSINES * RADIAL_COUNT;
 
     /// The only instance. Its tables take 1.4 CPU seconds and are part of the program; a test computes them anew.
     pub fn get() -> &'static Self {
-        static PROJECTION: OnceLock<Projection> = OnceLock::new();
+        static PROJECTION: OnceLock<HarmonicProjection> = OnceLock::new();
         PROJECTION.get_or_init(|| {
             let (words, _) = include_bytes!("projection.f32").as_chunks();
             Self::from_tables(&words.iter().copied().map(f32::from_le_bytes).collect::<Vec<_>>())
@@ -207,7 +207,7 @@ mod tests {
                 }
                 let cap = (f64::from(ALBEDO_CAP) / (want[0] * PI.sqrt())).min(DVec3::ONE);
                 let mut got = [Vec3::ZERO; MAX_FUNCTIONS];
-                Projection::get().project(&brdf, wi.as_vec3(), &mut got);
+                HarmonicProjection::get().project(&brdf, wi.as_vec3(), &mut got);
                 for (i, (got, want)) in got.iter().zip(want).enumerate() {
                     // Light at grazing angles counts by its cosine. White reflects 0.56 in k_0: linear interpolation
                     // has an error of 0.4 % of that.
@@ -221,12 +221,12 @@ mod tests {
     #[test]
     fn no_more_light_leaves_than_the_cap_allows() {
         let brdf = brdf(1.0, 0.3, 0.04, false);
-        assert!(Projection::get().albedo(&brdf, 0.087).x > 1.2, "glTF's BRDF exceeds 1 at 85 degrees");
+        assert!(HarmonicProjection::get().albedo(&brdf, 0.087).x > 1.2, "glTF's BRDF exceeds 1 at 85 degrees");
         for brdf in [brdf, Brdf { alpha: 0.0, ..brdf }] {
             let mut values = [Vec3::ZERO; 1];
             for i in 1..=1000 {
                 let z = i as f32 / 1000.0;
-                Projection::get().project(&brdf, Vec3::new((1.0 - z * z).sqrt(), 0.0, z), &mut values);
+                HarmonicProjection::get().project(&brdf, Vec3::new((1.0 - z * z).sqrt(), 0.0, z), &mut values);
                 let mirrored = brdf::mirror(&brdf, z.into()).max_element() as f32;
                 assert!(values[0].max_element() * PI.sqrt() as f32 + mirrored <= ALBEDO_CAP.max(mirrored) + 1e-6);
             }

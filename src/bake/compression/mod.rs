@@ -35,7 +35,7 @@ pub mod vector_batch;
 
 pub use self::operator::{Operator, sky_haar};
 pub use self::parts::{MAX_PARTS, Part};
-pub use self::report::Report;
+pub use self::report::FitReport;
 
 use std::ops::Range;
 use std::sync::OnceLock;
@@ -103,7 +103,7 @@ pub struct Compressed {
     pub chain: Vec<BlockMatrix>,
     /// Indirect light of emitters, uncompressed.
     pub emission: Vec<EmitterLight>,
-    pub report: Report,
+    pub report: FitReport,
 }
 
 /// The fit of a supercluster, or of part of one.

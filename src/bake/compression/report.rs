@@ -5,7 +5,7 @@ use super::{Fitted, OUT_OF_BASIS_SHARE, POINTS, SPOTS};
 
 /// Errors against the rows that the operator was fitted to, root mean square over all view samples and channels.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Report {
+pub struct FitReport {
     /// Relative error of the image, mean over held-out point lights and over held-out spots.
     pub point: f64,
     pub spot: f64,
@@ -24,7 +24,7 @@ pub struct Report {
     pub excess: f64,
 }
 
-impl Report {
+impl FitReport {
     /// Whether the target error is exceeded by more than fits can correct.
     pub fn is_exceeded(&self) -> bool {
         self.excess > OUT_OF_BASIS_SHARE
@@ -52,13 +52,13 @@ pub(super) struct Errors<'a> {
     /// Allowed squared error of all superclusters, and the excess beyond it.
     allowed: f64,
     excess: f64,
-    report: Report,
+    report: FitReport,
 }
 
 impl<'a> Errors<'a> {
     pub fn new(clusters: &'a Clusters) -> Self {
         let lights = vec![[0.0; 2]; SPOTS.end];
-        Self { clusters, lights, noise: 0.0, allowed: 0.0, excess: 0.0, report: Report::default() }
+        Self { clusters, lights, noise: 0.0, allowed: 0.0, excess: 0.0, report: FitReport::default() }
     }
 
     pub fn add(&mut self, fitted: &Fitted) {
@@ -77,10 +77,10 @@ impl<'a> Errors<'a> {
         self.report.missed += usize::from(!fitted.meets_target());
     }
 
-    pub fn report(self) -> Report {
-        let Report { tiles, refined, missed, .. } = self.report;
+    pub fn report(self) -> FitReport {
+        let FitReport { tiles, refined, missed, .. } = self.report;
         let excess = if self.excess > 0.0 { self.excess / self.allowed } else { 0.0 };
-        Report { tiles, refined, missed, excess, ..Report::new(&self.lights, self.noise.sqrt()) }
+        FitReport { tiles, refined, missed, excess, ..FitReport::new(&self.lights, self.noise.sqrt()) }
     }
 }
 

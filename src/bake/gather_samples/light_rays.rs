@@ -12,7 +12,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::{carries_light, is_back, normal_length, turned};
-use crate::bake::brdf_factors::Projection;
+use crate::bake::brdf_factors::HarmonicProjection;
 use crate::bake::brdf_factors::harmonics::MAX_FUNCTIONS;
 use crate::physics::light::{cone, facet, window};
 use crate::scene::light_filter::PosedFilter;
@@ -71,7 +71,7 @@ impl LightRays {
         &self,
         scene: impl Into<LinkedScene<'a>>,
         samples: &[LightSample],
-        projection: &Projection,
+        projection: &HarmonicProjection,
         lights: &[PackedLight],
         filter: Option<&PosedFilter>,
         mut add: impl FnMut(u32, Vec3),

@@ -17,7 +17,7 @@ pub use self::surface_points::{Drawn, Patch, Place, Surfaces, Visited, is_back, 
 
 use self::clusters::Clusters;
 use self::surface_points::is_enclosed;
-use super::brdf_factors::{NEAR_MIRROR_ALPHA, Projection};
+use super::brdf_factors::{HarmonicProjection, NEAR_MIRROR_ALPHA};
 use crate::physics::sequence::Points;
 use crate::scene::{Material, Scene};
 use crate::shared::Brdf;
@@ -283,7 +283,7 @@ fn clustered(
         };
         // Light on dark texels is not reflected, so that points are weighted by albedo too.
         let reflected = |c: &Candidate| {
-            let albedo = Projection::get().albedo(&c.surface.brdf, MEAN_COSINE).element_sum();
+            let albedo = HarmonicProjection::get().albedo(&c.surface.brdf, MEAN_COSINE).element_sum();
             c.light * f64::from(albedo.max(f32::MIN_POSITIVE))
         };
         // Members are in tree order: points at equal steps of cumulative weight are spread over the cluster.

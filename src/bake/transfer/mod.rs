@@ -82,7 +82,7 @@ pub struct TransferReport {
     /// Number of indirect bounces, counted at the pixel; `None`: all.
     pub bounces: Option<u32>,
     /// Errors of the compressed form on held-out lights.
-    pub held_out: Option<compression::Report>,
+    pub held_out: Option<compression::FitReport>,
 }
 
 impl TransferReport {
@@ -91,7 +91,7 @@ impl TransferReport {
         form: &str,
         transfer: &LightTransport,
         residual: Option<f64>,
-        held_out: Option<compression::Report>,
+        held_out: Option<compression::FitReport>,
     ) -> Self {
         Self {
             method: "robust".into(),

@@ -19,7 +19,7 @@ pub struct SkyTransfer {
     /// The outputs of the last matrix are view samples. Empty: no light of the sky arrives.
     pub chain: Vec<BlockMatrix>,
     /// Errors on held-out skies: broad glows, and lamps.
-    pub held_out: compression::Report,
+    pub held_out: compression::FitReport,
 }
 
 impl SkyTransfer {

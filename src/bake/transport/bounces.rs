@@ -19,7 +19,7 @@ use super::level::Level;
 use super::paths::{Encounter, Paths};
 use super::rows::Row;
 use super::sky;
-use crate::bake::brdf_factors::Projection;
+use crate::bake::brdf_factors::HarmonicProjection;
 use crate::bake::brdf_factors::harmonics::MAX_FUNCTIONS;
 use crate::bake::csr_matrix::CsrMatrix;
 use crate::bake::gather_samples::GatherSamples;
@@ -159,7 +159,7 @@ impl BounceGatherer<'_> {
             let [u, v, ..] = points.at(ray, 0);
             let wi = cosine_direction(u, v).as_vec3().max(Vec3::new(-1.0, -1.0, 1e-6));
             let direction = (frame[0] * wi.x + frame[1] * wi.y + frame[2] * wi.z).normalize();
-            Projection::get().project(&gather_sample.brdf, wi, k);
+            HarmonicProjection::get().project(&gather_sample.brdf, wi, k);
             let random = |layer: u32| {
                 let [u, v, w, _] = points.at(ray, 1 + layer);
                 [u, v, w]

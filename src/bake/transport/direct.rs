@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use crate::bake::brdf_factors::Projection;
+use crate::bake::brdf_factors::HarmonicProjection;
 use crate::bake::gather_samples::GatherSamples;
 use crate::bake::gather_samples::light_rays::{per_solid_angle, weight_of_rays};
 use crate::bake::transport::level::{Level, local};
@@ -20,14 +20,14 @@ pub fn shade(scene: &TracedScene, level: &Level, light: &PackedLight) -> Vec<DVe
         let sample = &level.samples.samples[sample];
         let share = (irradiance / f64::from(light.strength)) as f32 * sample.area * per_solid_angle;
         let rays = weight_of_rays(share);
-        Projection::get().project(&sample.direct_brdf, wi, values);
+        HarmonicProjection::get().project(&sample.direct_brdf, wi, values);
         values.iter_mut().for_each(|k| *k *= 1.0 - rays);
     };
     let mut coefficients = shade_with(scene, &level.samples, &level.first, project, light);
     level.light_rays.shade(
         scene,
         &level.light_samples,
-        Projection::get(),
+        HarmonicProjection::get(),
         std::slice::from_ref(light),
         None,
         |index, value| {

@@ -21,7 +21,7 @@ use super::level::{Level, local};
 use super::paths::{Arrival, Encounter, Paths};
 use super::rows::TASK;
 use crate::bake::DeepFramebuffer;
-use crate::bake::brdf_factors::Projection;
+use crate::bake::brdf_factors::HarmonicProjection;
 use crate::bake::csr_matrix::CsrMatrix;
 use crate::bake::gather_samples::GatherPoint;
 use crate::physics::brdf::{Lobes, Reflected, cosine_direction};
@@ -413,7 +413,7 @@ impl<'a> Aims<'a> {
                 let mut arrive = |emitter: usize, wi: DVec3, irradiance: DVec3| {
                     let at = local(&frame, wi.as_vec3());
                     if at.z > 0.0 {
-                        Projection::get().project(&sample.brdf, at, &mut values);
+                        HarmonicProjection::get().project(&sample.brdf, at, &mut values);
                         for (sum, k) in sums[emitter].iter_mut().zip(&values) {
                             *sum += share * irradiance * k.as_dvec3();
                         }

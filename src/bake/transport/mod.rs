@@ -47,7 +47,7 @@ use self::rows::RowGatherer;
 use self::solve::Resolvent;
 use super::DeepFramebuffer;
 use super::brdf_factors::harmonics::MAX_FUNCTIONS;
-use super::brdf_factors::{ALBEDO_CAP, Projection};
+use super::brdf_factors::{ALBEDO_CAP, HarmonicProjection};
 use super::csr_matrix::CsrMatrix;
 use super::gather_samples::{GatherSample, GatherSamples, Placement};
 use crate::shared::Brdf;
@@ -403,7 +403,7 @@ const RAY_POINTS: usize = 16;
 
 /// The Lambertian BRDF with the same hemispherical albedo, and the same perfect mirror.
 fn lambert(brdf: &Brdf) -> Brdf {
-    let diffuse = Projection::get().hemispherical_albedo(brdf, ALBEDO_CAP);
+    let diffuse = HarmonicProjection::get().hemispherical_albedo(brdf, ALBEDO_CAP);
     let (f0, f90) = if brdf.has_lobe() { (Vec3::ZERO, 0.0) } else { (brdf.f0, brdf.f90) };
     Brdf { diffuse, alpha: 0.0, f0, f90, dielectric_f0: 0.0, dielectric_f90: 0.0 }
 }
@@ -417,7 +417,7 @@ fn functions(outgoing: &Outgoing, brdf: &Brdf, dropped: f32) -> u8 {
             count.clamp(1, MAX_FUNCTIONS as u8)
         }
         Outgoing::Glossy { functions: None } => {
-            let energy = Projection::get().energy_by_degree(brdf);
+            let energy = HarmonicProjection::get().energy_by_degree(brdf);
             let all: f32 = energy.iter().sum();
             let enough = |functions: &u8| {
                 let degrees = functions.isqrt() as usize;
@@ -453,7 +453,8 @@ pub const MAX_COARSE_COEFFICIENTS: usize = 6_000;
 fn capped(samples: &GatherSamples) -> f64 {
     let (mut kept, mut all) = (0.0, 0.0);
     for sample in &samples.samples {
-        let reflected = |cap: f32| f64::from(Projection::get().hemispherical_albedo(&sample.brdf, cap).element_sum());
+        let reflected =
+            |cap: f32| f64::from(HarmonicProjection::get().hemispherical_albedo(&sample.brdf, cap).element_sum());
         kept += f64::from(sample.area) * reflected(ALBEDO_CAP);
         all += f64::from(sample.area) * reflected(f32::INFINITY);
     }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::bake::brdf_factors::Projection;
+use crate::bake::brdf_factors::HarmonicProjection;
 use crate::bake::gather_samples::light_rays::{LightRays, RAYS, per_solid_angle};
 use crate::bake::transfer::Transfer;
 use crate::error::Result;
@@ -46,7 +46,7 @@ impl RayCaster {
     ) {
         let contributions = hits.contributions.host_mut();
         let mut count = 0;
-        self.rays.shade(scene, &transfer.samples, Projection::get(), lights, filter, |index, value| {
+        self.rays.shade(scene, &transfer.samples, HarmonicProjection::get(), lights, filter, |index, value| {
             contributions[count] = Contribution { value, index };
             count += 1;
         });

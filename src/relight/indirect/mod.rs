@@ -36,7 +36,7 @@ use super::Site;
 use super::light_cache::Detail;
 use super::light_target::{LightTarget, LightTargets};
 use super::visibility::interleaved::{Strided, vectors};
-use crate::bake::brdf_factors::Projection;
+use crate::bake::brdf_factors::HarmonicProjection;
 use crate::bake::transfer::Transfer;
 use crate::error::Result;
 use crate::gpu::{Access, Buffer, Context, Frame, Kernel, is_out_of_memory};
@@ -193,7 +193,7 @@ impl GatherShading {
         let kernel = |soft| Kernel::new(context, ShadeGatherConstants { degrees, points_per_sample, soft });
         Ok(Self::Projected {
             samples: Buffer::from_slice(context, "gather samples", &transfer.samples)?,
-            tables: Buffer::from_slice(context, "gather samples (tables)", &Projection::get().tables())?,
+            tables: Buffer::from_slice(context, "gather samples (tables)", &HarmonicProjection::get().tables())?,
             kernels: [kernel(false)?, kernel(true)?],
         })
     }

@@ -193,7 +193,7 @@ impl<'a> RigFiles<'a> {
             let image = Image::decode(bytes, &path);
             let image = image.map_err(|cause| Error::import_from(&path, "the image cannot be decoded", cause))?;
             let mut texture = Texture::of(String::new(), image, Encoding::Srgb);
-            let is_fine = |level: &crate::scene::texture::Level| level.width.max(level.height) > MAX_SIDE;
+            let is_fine = |level: &crate::scene::texture::MipLevel| level.width.max(level.height) > MAX_SIDE;
             let too_fine = texture.levels.iter().filter(|level| is_fine(level)).count();
             texture.levels.drain(..too_fine);
             Ok(texture)

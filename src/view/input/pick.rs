@@ -6,7 +6,7 @@ use glam::{DVec3, Vec3};
 use crate::desk::{Pick, PickedObject};
 use crate::gpu::Placement;
 use crate::trace::surface::SurfacePoint;
-use crate::view::Opened;
+use crate::view::LoadedScene;
 
 /// Returns the placement of the picture in `area`, the physical pixels available from the window's top left.
 ///
@@ -52,7 +52,7 @@ pub fn pixel(placement: Placement, size: [u32; 2], at: [f32; 2]) -> Option<[u32;
     Some([0, 1].map(|axis| (shares[axis] * f64::from(size[axis])) as u32))
 }
 
-impl Opened {
+impl LoadedScene {
     fn aspect(&self) -> f64 {
         f64::from(self.framebuffer.tiling.width) / f64::from(self.framebuffer.tiling.height)
     }

@@ -13,7 +13,7 @@ use crate::error::{Error, Result};
 use crate::scene::Rig;
 use crate::session::{BakeInput, Progress, Session, SessionSettings};
 use crate::trace::bvh::TracedScene;
-use crate::view::Opened;
+use crate::view::LoadedScene;
 use crate::view::refine::edge_refinement::EdgeRefinement;
 use crate::view::refine::gathered::Gathered;
 use crate::wire::Inbound;
@@ -123,7 +123,8 @@ impl SceneSource {
         };
         let Session { scene, framebuffer, base_rig: rig, transfers, bake, .. } = session;
         let changed = bake.because;
-        let opened = Opened { scene: scene.clone(), framebuffer: framebuffer.clone(), transfer: None, rig, changed };
+        let opened =
+            LoadedScene { scene: scene.clone(), framebuffer: framebuffer.clone(), transfer: None, rig, changed };
         if shown.is_none() {
             loader.send(LoadEvent::Opened(Box::new(opened)));
         }
@@ -144,7 +145,7 @@ pub enum LoadEvent {
         what: &'static str,
         share: f32,
     },
-    Opened(Box<Opened>),
+    Opened(Box<LoadedScene>),
     Transfer(Arc<Transfer>),
     /// A bake with extra samples on edges, made while lights rest; `None`: it failed.
     EdgesRefined(Option<Box<EdgeRefinement>>),

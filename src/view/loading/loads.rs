@@ -6,7 +6,7 @@ use std::sync::Arc;
 use super::load::{Known, LoadEvent, Loading, Messenger, SceneSource};
 use crate::bake::transfer::Transfer;
 use crate::scene::Rig;
-use crate::view::Opened;
+use crate::view::LoadedScene;
 
 /// Which scene is loaded, and which is shown.
 pub struct Loads {
@@ -20,15 +20,15 @@ pub struct Loads {
     /// The camera that it was asked for.
     shown_camera: Option<String>,
     /// The scene that was loaded again: it replaces the shown one as soon as it has indirect light.
-    replacement: Option<Box<Opened>>,
+    replacement: Option<Box<LoadedScene>>,
 }
 
 /// What a message of the loading thread changes.
 pub enum Change {
     /// The first scene is open.
-    Open(Box<Opened>),
+    Open(Box<LoadedScene>),
     /// The scene was loaded again; see [`Loads::replaced`].
-    Replace(Box<Opened>),
+    Replace(Box<LoadedScene>),
     /// The shown scene has better indirect light.
     Transfer(Arc<Transfer>),
     None,
@@ -47,20 +47,20 @@ impl Loads {
     }
 
     /// Starts to look at the scene that is shown from another of its cameras. `rig`: the lights of all shots.
-    pub fn look_from(&mut self, camera: String, opened: &Opened, rig: &Rig) {
+    pub fn look_from(&mut self, camera: String, opened: &LoadedScene, rig: &Rig) {
         self.source.settings.open.camera = Some(camera);
         self.start(Some(Known { scene: opened.scene.clone(), rig: rig.clone(), transfer: None }));
     }
 
     /// Looks from a camera whose picture is complete.
-    pub fn show_complete(&mut self, seen: &Opened, rig: &Rig) {
+    pub fn show_complete(&mut self, seen: &LoadedScene, rig: &Rig) {
         self.source.settings.open.camera = Some(seen.framebuffer.camera.name.clone());
         self.start(Some(Known { scene: seen.scene.clone(), rig: rig.clone(), transfer: seen.transfer.clone() }));
     }
 
     /// Starts to bake for other cameras of the scene that is shown. Returns the number of the scene in the messages,
     /// too.
-    pub fn start_shots(&self, opened: &Opened, rig: &Rig, shots: Vec<usize>) -> (Loading, u32) {
+    pub fn start_shots(&self, opened: &LoadedScene, rig: &Rig, shots: Vec<usize>) -> (Loading, u32) {
         let known = Known { scene: opened.scene.clone(), rig: rig.clone(), transfer: None };
         (self.source.start_shots(&self.messenger(), &known, shots), self.latest)
     }
@@ -77,7 +77,7 @@ impl Loads {
     }
 
     /// The camera that is shown, or the one that is being loaded.
-    pub fn camera<'a>(&'a self, opened: &'a Opened) -> &'a str {
+    pub fn camera<'a>(&'a self, opened: &'a LoadedScene) -> &'a str {
         self.source.settings.open.camera.as_deref().unwrap_or(&opened.framebuffer.camera.name)
     }
 
@@ -102,7 +102,7 @@ impl Loads {
         self.shown == Some(self.latest)
     }
 
-    pub fn opened(&mut self, opened: Box<Opened>) -> Change {
+    pub fn opened(&mut self, opened: Box<LoadedScene>) -> Change {
         if self.shown.is_some() {
             self.replacement = Some(opened);
             return Change::None;
@@ -113,7 +113,7 @@ impl Loads {
 
     pub fn has_transfer(&mut self, transfer: Arc<Transfer>) -> Change {
         match self.replacement.take() {
-            Some(opened) => Change::Replace(Box::new(Opened { transfer: Some(transfer), ..*opened })),
+            Some(opened) => Change::Replace(Box::new(LoadedScene { transfer: Some(transfer), ..*opened })),
             None if self.is_shown() => Change::Transfer(transfer),
             // Of a scene that did not fit the lights.
             None => Change::None,

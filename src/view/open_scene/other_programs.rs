@@ -16,15 +16,15 @@ use crate::view::refine::detail_control::DetailControl;
 use crate::view::refine::final_gathering::FinalGathering;
 use crate::view::shot_sheet::ShotSheet;
 use crate::view::view_state::ViewState;
-use crate::view::{Opened, ViewSettings};
+use crate::view::{LoadedScene, ViewSettings};
 use crate::wire::message::PictureRequest;
 use crate::wire::picture::picture;
 
 impl OpenScene {
     /// Replaces the scene, which was loaded again or is seen from another camera; lights, history and snapshots stay.
     /// An error leaves all as it was.
-    pub fn replace(&mut self, opened: Opened, settings: &ViewSettings, messenger: Messenger) -> Result<()> {
-        let Opened { scene, framebuffer, transfer, rig, .. } = &opened;
+    pub fn replace(&mut self, opened: LoadedScene, settings: &ViewSettings, messenger: Messenger) -> Result<()> {
+        let LoadedScene { scene, framebuffer, transfer, rig, .. } = &opened;
         let wrong = |reason: String| Error::invalid("the scene that was loaded again", reason);
         let is_same = Arc::ptr_eq(scene, &self.opened.scene);
         let rig = if is_same { self.desk.rig().clone() } else { self.desk.rig_in(scene, rig).map_err(wrong)? };

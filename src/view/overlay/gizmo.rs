@@ -10,7 +10,7 @@ use glam::DVec3;
 use crate::desk::{Desk, LEAST_SPREAD};
 use crate::gpu::Placement;
 use crate::scene::{Light, LightKind};
-use crate::view::Opened;
+use crate::view::LoadedScene;
 use crate::view::panel::lights_list::chip;
 
 /// A part of a light that the mouse can drag.
@@ -49,7 +49,7 @@ const GOLD: Color32 = Color32::from_rgb(255, 190, 60);
 
 /// The handles of the lights in the picture.
 pub struct Gizmos<'a> {
-    pub opened: &'a Opened,
+    pub opened: &'a LoadedScene,
     pub desk: &'a Desk,
     pub placement: Placement,
 }

@@ -17,7 +17,7 @@ use crate::error::Result;
 use crate::gpu::Context;
 use crate::relight::{Layers, RelightSettings, Relighter};
 use crate::scene::Rig;
-use crate::view::Opened;
+use crate::view::LoadedScene;
 use crate::view::loading::load::{LoadEvent, Messenger};
 
 /// Refinement of the picture at rest.
@@ -96,18 +96,18 @@ impl Converge {
     }
 
     /// Whether there is nothing left to do for `rig`.
-    pub fn is_done(&self, opened: &Opened, rig: &Rig) -> bool {
+    pub fn is_done(&self, opened: &LoadedScene, rig: &Rig) -> bool {
         self.next_step_at(opened, rig, true).is_none()
     }
 
-    fn is_current(&self, opened: &Opened, rig: &Rig) -> bool {
+    fn is_current(&self, opened: &LoadedScene, rig: &Rig) -> bool {
         self.has
             .as_ref()
             .is_some_and(|(edges_of, of)| opened.has(of) && *edges_of == edge_lights(opened.scene.space, rig))
     }
 
     /// Returns the relighter with extra samples, if it is complete for `rig`.
-    pub fn ready(&mut self, opened: &Opened, rig: &Rig, layers: Layers) -> Result<Option<&mut Relighter>> {
+    pub fn ready(&mut self, opened: &LoadedScene, rig: &Rig, layers: Layers) -> Result<Option<&mut Relighter>> {
         if !self.is_current(opened, rig) {
             return Ok(None);
         }
@@ -118,7 +118,7 @@ impl Converge {
     }
 
     /// Whether extra samples are enabled and possible.
-    fn is_wanted(&self, opened: &Opened) -> bool {
+    fn is_wanted(&self, opened: &LoadedScene) -> bool {
         // Wavelet rows support one sample per pixel only. If light images share memory, they are never complete.
         self.samples > 1
             && self.relighter.as_ref().is_none_or(Relighter::has_slot_for_every_image)
@@ -127,7 +127,7 @@ impl Converge {
 
     /// Returns when the next step is due, or the next display of progress if `shows_progress`, unless an event comes
     /// before.
-    pub fn next_step_at(&self, opened: &Opened, rig: &Rig, shows_progress: bool) -> Option<Instant> {
+    pub fn next_step_at(&self, opened: &LoadedScene, rig: &Rig, shows_progress: bool) -> Option<Instant> {
         let pending = self.relighter.as_ref().map_or(0, |relighter| relighter.pending(self.layers));
         match &self.baking {
             _ if !self.is_wanted(opened) => None,
@@ -138,7 +138,7 @@ impl Converge {
     }
 
     /// Does one short step of refinement, if the lights rest.
-    pub fn step(&mut self, opened: &Opened, rig: &Rig) -> Result<()> {
+    pub fn step(&mut self, opened: &LoadedScene, rig: &Rig) -> Result<()> {
         self.progress_shown = Instant::now();
         if !self.is_wanted(opened) || self.baking.is_some() || self.edited.elapsed() < REFINEMENT_DELAY {
             return Ok(());
@@ -155,7 +155,7 @@ impl Converge {
     }
 
     /// Starts a bake on separate threads.
-    fn begin(&mut self, opened: &Opened, rig: &Rig) {
+    fn begin(&mut self, opened: &LoadedScene, rig: &Rig) {
         let (scene, plain, of, rig) =
             (opened.scene.clone(), opened.framebuffer.clone(), opened.transfer.clone(), rig.clone());
         let settings = BakeSettings {
@@ -188,7 +188,7 @@ impl Converge {
     }
 
     /// Accepts a finished bake, unless lights that cast shadows have moved since; `None`: it failed.
-    pub fn accept(&mut self, refinement: Option<EdgeRefinement>, opened: &Opened, rig: &Rig) {
+    pub fn accept(&mut self, refinement: Option<EdgeRefinement>, opened: &LoadedScene, rig: &Rig) {
         self.baking = None;
         let Some(refinement) = refinement else {
             return self.give_up("it failed; the reason is on the terminal");
@@ -224,7 +224,7 @@ impl Converge {
     }
 
     /// Returns the progress of the refinement for `rig`.
-    pub fn progress(&self, opened: &Opened, rig: &Rig) -> Progress {
+    pub fn progress(&self, opened: &LoadedScene, rig: &Rig) -> Progress {
         match (&self.baking, &self.relighter) {
             (Some(Baking { done, total }), _) => {
                 Progress::Bakes(done.load(Ordering::Relaxed) as f32 / (*total).max(1) as f32)

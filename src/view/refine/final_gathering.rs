@@ -18,7 +18,7 @@ use crate::final_gather::{self, Estimate, FinalGather, LEAST_PASSES, Refined};
 use crate::relight::{Detail, LightChanges, Picture, Relighter, Request, StandingLight};
 use crate::scene::Rig;
 use crate::trace::bvh::TracedScene;
-use crate::view::Opened;
+use crate::view::LoadedScene;
 use crate::view::loading::load::{LoadEvent, Messenger};
 use crate::view::shares::mean_luminance;
 
@@ -210,14 +210,14 @@ impl FinalGathering {
     }
 
     /// When the next step is due, unless an event comes before.
-    pub fn next_step_at(&self, opened: &Opened) -> Option<Instant> {
+    pub fn next_step_at(&self, opened: &LoadedScene) -> Option<Instant> {
         let waits = self.error.is_none() || opened.transfer.is_none() || self.job.is_some() || self.is_idle;
         (!waits).then(|| self.edited + DELAY)
     }
 
     /// Does one short step, if one is due: makes an image of the operator, or starts the thread. `relighter` has the
     /// lights. `is_baking`: a core is taken already. Returns the expected error once it is as small as asked.
-    pub fn step(&mut self, opened: &Opened, relighter: &mut Relighter, is_baking: bool) -> Result<Option<f64>> {
+    pub fn step(&mut self, opened: &LoadedScene, relighter: &mut Relighter, is_baking: bool) -> Result<Option<f64>> {
         let is_due = self.next_step_at(opened).is_some_and(|due| due <= Instant::now());
         let Some(asked) = self.error.filter(|_| is_due) else { return Ok(None) };
         relighter.set_changes(&self.changes)?;
@@ -294,7 +294,7 @@ impl FinalGathering {
     }
 
     /// Accepts what the thread found.
-    pub fn accept(&mut self, gathered: Gathered, opened: &Opened, relighter: &Relighter) -> Result<()> {
+    pub fn accept(&mut self, gathered: Gathered, opened: &LoadedScene, relighter: &Relighter) -> Result<()> {
         let Some(job) = &self.job else { return Ok(()) };
         let (rig, mean, has_operator) = (job.rig.clone(), job.mean, job.has_operator);
         let has_stopped = job.stop.load(Ordering::Relaxed);

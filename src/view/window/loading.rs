@@ -6,7 +6,7 @@ use winit::event_loop::ActiveEventLoop;
 
 use super::App;
 use crate::error::{Error, Result};
-use crate::view::Opened;
+use crate::view::LoadedScene;
 use crate::view::loading::loads::Change;
 use crate::view::open_scene::Flow;
 use crate::view::shot_sheet::ShotSheet;
@@ -49,7 +49,8 @@ impl App {
         }
         open_scene.desk.message = format!("camera {name}");
         let domes = open_scene.desk.rig().has_domes();
-        let has_all = |seen: &&Opened| !domes || seen.transfer.as_ref().is_none_or(|transfer| transfer.sky.is_some());
+        let has_all =
+            |seen: &&LoadedScene| !domes || seen.transfer.as_ref().is_none_or(|transfer| transfer.sky.is_some());
         let complete =
             open_scene.shot_sheet.complete(camera).filter(has_all).filter(|_| !open_scene.is_baking).cloned();
         self.loading = Some(("loading", 0.0));
@@ -80,7 +81,7 @@ impl App {
     }
 
     /// Replaces the open scene by the one that was loaded again. If that fails, the old one stays.
-    pub(super) fn replace(&mut self, opened: Opened) {
+    pub(super) fn replace(&mut self, opened: LoadedScene) {
         let (Some(open_scene), Some(graphics)) = (&mut self.open_scene, &self.graphics) else { return };
         let changed = opened.changed.as_ref().map(|changed| format!(", baked again: {changed} changed"));
         let message = match Arc::ptr_eq(&opened.scene, &open_scene.opened.scene) {
