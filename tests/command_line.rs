@@ -297,8 +297,6 @@ fn a_file_for_each_pass() {
     assert_eq!(names_in(folder.path()), ["balls-2", "beauty.png", "direct.png"]);
 
     render!(&scene, folder.path().join("a.png"), "--passes", "all").failed(&["a.png", "{pass}"]);
-    let diffuse = render!(&scene, folder.path().join("b.exr"), "--final", "1%", "--gi", "diffuse");
-    diffuse.failed(&["--final", "--gi diffuse"]);
     let nosuch = render!(&scene, folder.path().join("b.exr"), "--passes", "beauty,light:nosuch");
     nosuch.failed(&["nosuch", "point0, spot1"]);
     assert!(!folder.path().join("b.exr").exists());

@@ -36,7 +36,7 @@ const CHECK_EVERY: f64 = 0.25;
 impl Session {
     /// Gathers indirect light for the lights of the relighter's rig, and adds what its pictures of them lack. `tell`
     /// gets the expected error whenever it is known again. Only for sessions whose indirect light [has all
-    /// light](super::IndirectSettings::has_all_light).
+    /// bounces](super::IndirectSettings::has_all_bounces).
     ///
     /// # Errors
     /// Those of the device.
