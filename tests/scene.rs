@@ -650,6 +650,27 @@ fn obj_files_of_other_programs() {
     assert_eq!(scene.mesh.normals[0], Vec3::Z);
 }
 
+/// Marks of encodings, line ends of old Macs, colours from 0 to 255, and a library at a path of another machine.
+#[test]
+fn obj_files_in_other_encodings() {
+    let text = "newmtl m\nKd 0.25 0.5 0.75\n";
+    let wide: Vec<u8> = text.encode_utf16().flat_map(u16::to_be_bytes).collect();
+    let utf_16 = [&[0xfe, 0xff][..], &wide].concat();
+    let utf_8 = ["\u{feff}", text].concat().into_bytes();
+    for mtl in [utf_8, utf_16, text.replace('\n', "\r").into_bytes()] {
+        let folder = tempfile::tempdir().unwrap();
+        write(folder.path(), "a.mtl", &mtl);
+        let obj = format!(
+            "\u{feff}mtllib C:\\scans\\a.mtl # by hand\nusemtl m\n{}f 1 2 3\n",
+            OBJ_SQUARE.replace("v 0 0 0\n", "v 0 0 0 255 0 51\n")
+        );
+        let scene = Scene::load(&write(folder.path(), "scene.obj", obj.as_bytes())).unwrap();
+        assert_eq!(scene.materials[0].base_color, Vec4::new(0.25, 0.5, 0.75, 1.0));
+        let color = scene.mesh.colors.iter().find(|color| color.y == 0.0).unwrap();
+        assert!(color.x == 1.0 && (color.z - 0.0331).abs() < 1e-4, "{color}");
+    }
+}
+
 #[test]
 fn cameras_say_how_wide_their_picture_is() {
     let mut gltf = Gltf::square();

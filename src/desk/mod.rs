@@ -116,19 +116,22 @@ impl Desk {
             let has_all = matches!(emitters.complete(&rig), Cow::Borrowed(_));
             rig.check_links(scene).is_ok() && emitters.check(&rig).is_ok() && has_all
         };
-        if !self.history.entries().iter().all(fits) {
-            let is_unsaved = self.history.is_unsaved();
-            self.history = History::new([&self.rig, &self.base]);
-            if is_unsaved {
-                self.history.mark_unsaved();
-            }
-        }
         self.complete_snapshots(&emitters);
         let selection = self.selection.clone().within(rig.lights.len());
         self.history.end_gesture();
-        self.replace_base(rig, selection, Some("scene loaded again".into()));
-        self.history.end_gesture();
+        if self.history.entries().iter().all(fits) {
+            self.replace_base(rig, selection, Some("scene loaded again".into()));
+            self.history.end_gesture();
+            return self.see_base();
+        }
+        let is_unsaved = self.history.is_unsaved() || rig != self.base;
+        (self.base, self.selection) = (rig, selection);
         self.see_base();
+        self.history = History::new([&self.rig, &self.base]);
+        if is_unsaved {
+            self.history.mark_unsaved();
+        }
+        self.message = "scene loaded again; nothing can be undone".into();
     }
 
     /// Takes another camera of the scene: lights move as it sees them, and have the values of its shot.

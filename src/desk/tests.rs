@@ -525,7 +525,7 @@ fn a_scene_is_loaded_again_among_unsaved_edits() {
     desk.change_scene(rig, &after, desk_camera());
     assert!(desk.is_unsaved() && desk.rig().lights.len() == 2);
     desk.undo();
-    assert_eq!(desk.rig().lights[0].stops, 1.0, "{}", desk.message);
+    assert_eq!((desk.rig().lights[0].stops, desk.rig().lights.len()), (1.0, 2), "{}", desk.message);
     desk.recall(0);
     assert_eq!((desk.rig().lights[0].stops, desk.rig().lights[1].kind), (0.0, LightKind::Emitter));
 }

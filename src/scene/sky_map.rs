@@ -9,6 +9,7 @@ use std::sync::{LazyLock, OnceLock};
 
 use glam::{DVec3, Vec3};
 use image::ImageReader;
+use image::codecs::hdr::HdrDecoder;
 
 mod cube;
 mod dome_map;
@@ -244,11 +245,16 @@ fn decode(path: &Path, bytes: &[u8]) -> Result<Texels> {
     let mut reader = reader.map_err(Error::io("read", path))?;
     reader.no_limits();
     let malformed = |cause| Error::import_from(path, "the map cannot be decoded", cause);
+    // What the values of Radiance files were multiplied by.
+    let header = HdrDecoder::new(std::io::Cursor::new(bytes)).ok().map(|decoder| decoder.metadata());
+    let scale = header.map_or(Vec3::ONE, |header| {
+        Vec3::from(header.color_correction.unwrap_or((1.0, 1.0, 1.0))) * header.exposure.unwrap_or(1.0)
+    });
     let image = reader.decode().map_err(malformed)?;
     let is_linear = matches!(image, image::DynamicImage::ImageRgb32F(_) | image::DynamicImage::ImageRgba32F(_));
     let (width, height) = (image.width() as usize, image.height() as usize);
     let linear = |x: f32| if is_linear { x } else { srgb_to_linear(x.into()) as f32 };
-    let values = image.into_rgb32f().pixels().map(|pixel| Vec3::from_array(pixel.0.map(linear))).collect();
+    let values = image.into_rgb32f().pixels().map(|pixel| Vec3::from_array(pixel.0.map(linear)) / scale).collect();
     Ok(Texels { width, height, values })
 }
 
@@ -296,6 +302,23 @@ mod tests {
         near(Vec3::NEG_X, 5.5, 1.5);
         near(Vec3::X, 1.5, 1.5);
         near(Vec3::Y, 3.5, 0.0);
+    }
+
+    #[test]
+    fn radiance_files_say_what_they_were_multiplied_by() {
+        let pixels = [128, 128, 128, 129].repeat(8); // 1
+        for (lines, want) in [("", 1.0), ("EXPOSURE=2\nEXPOSURE=4\n", 0.125), ("COLORCORR=2 2 2\n", 0.5)] {
+            for mark in ["RADIANCE", "RGBE"] {
+                let header = format!("#?{mark}\n{lines}FORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 4\n");
+                let file = [header.as_bytes(), &pixels].concat();
+                let texels = decode(Path::new("a.hdr"), &file).unwrap();
+                assert!(
+                    texels.values.iter().all(|&value| value == Vec3::splat(want)),
+                    "{header}: {}",
+                    texels.values[0]
+                );
+            }
+        }
     }
 
     #[test]

@@ -8,7 +8,7 @@ use relume::scene::light_filter::BarnDoors;
 use relume::scene::rig::diff::{diff, whole};
 use relume::scene::rig::merge_patch::{Object, merge};
 use relume::scene::rig::patch::apply;
-use relume::scene::{Light, LightGroup, LightKind, ObjectSet, Rig, RigFiles};
+use relume::scene::{DomeMap, Light, LightGroup, LightKind, ObjectSet, PhysicalSky, Rig, RigFiles};
 
 fn light(name: String) -> impl Strategy<Value = Light> {
     let kind = prop_oneof![Just(LightKind::Point), Just(LightKind::Spot), Just(LightKind::Rect), Just(LightKind::Disk)];
@@ -89,6 +89,20 @@ fn renamed_lights_keep_their_place() {
     let patch = diff(&before, &after);
     assert_eq!(serde_json::json!(patch), serde_json::json!({ "lights": { "a": { "name": "c", "stops": 1.0 } } }));
     assert_eq!(apply(&before, patch, Path::new("")).unwrap(), after);
+}
+
+/// A patch of one value of a sky leaves its others.
+#[test]
+fn tables_are_merged() {
+    let sky = PhysicalSky { elevation: 0.2, turbidity: 2.0, ground: 0.5, sun: false };
+    let dome = Light { kind: LightKind::Dome, map: Some(DomeMap::physical(sky)), ..Light::point("day", DVec3::ZERO) };
+    let patch = serde_json::json!({ "lights": { "day": { "physical_sky": { "turbidity": 5 } } } });
+    let serde_json::Value::Object(patch) = patch else { panic!("{patch}") };
+    let after = apply(&Rig { lights: vec![dome], ..Rig::default() }, patch, Path::new("")).unwrap();
+    let sky = &by_name(&after)["lights"]["day"]["physical_sky"];
+    let is_near = |key: &str, value: f64| (sky[key].as_f64().unwrap() - value).abs() < 1e-9;
+    assert!(is_near("turbidity", 5.0) && is_near("ground", 0.5), "{sky}");
+    assert!(is_near("elevation_deg", 0.2f64.to_degrees()) && sky["sun"] == false, "{sky}");
 }
 
 /// Edits of a follower that do not say whom it follows, beside a leader that gets another name or is deleted.

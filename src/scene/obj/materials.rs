@@ -20,6 +20,7 @@ use glam::{DVec3, Vec3};
 use super::images::{Images, combined};
 use super::sanitize::{self, UNNAMED};
 use super::texture_map::TextureMap;
+use super::words::text_of;
 use crate::error::{Error, Result};
 use crate::scene::texture::Image;
 use crate::scene::{AlphaMode, Encoding, Material, Texture, TextureRef, files};
@@ -64,14 +65,21 @@ impl Library {
     /// only a warning, because many OBJ files are distributed without theirs.
     pub fn read(&mut self, obj: &Path, statement: &str) -> Result<()> {
         let folder = obj.parent().unwrap_or(Path::new(""));
-        let there = |name: &str| files::inside(&name.replace('\\', "/")).map(|p| folder.join(p)).ok();
-        let whole = there(statement).filter(|path| path.is_file());
+        // At its path, or by its name beside the OBJ.
+        let there = |name: &str| {
+            let name = name.replace('\\', "/");
+            let candidates = [name.as_str(), name.rsplit('/').next().unwrap_or_default()];
+            let mut paths = candidates.into_iter().filter_map(|name| Some(folder.join(files::inside(name).ok()?)));
+            paths.find(|path| path.is_file())
+        };
+        let without_comment = statement.split('#').next().unwrap_or_default().trim();
+        let whole = [statement, without_comment].into_iter().find_map(there);
         let paths = match whole {
             Some(path) => vec![(statement, Some(path))],
-            None => statement.split_whitespace().map(|name| (name, there(name))).collect(),
+            None => without_comment.split_whitespace().map(|name| (name, there(name))).collect(),
         };
         for (name, path) in paths {
-            match path.filter(|path| path.is_file()) {
+            match path {
                 Some(path) => self.read_file(&path)?,
                 None => {
                     let name = files::shortened(name);
@@ -84,7 +92,7 @@ impl Library {
 
     fn read_file(&mut self, path: &Path) -> Result<()> {
         let bytes = files::read(path)?;
-        let text = sanitize::mtl(&String::from_utf8_lossy(&bytes)).map_err(|reason| Error::import(path, reason))?;
+        let text = sanitize::mtl(&text_of(&bytes)).map_err(|reason| Error::import(path, reason))?;
         let (entries, _) =
             tobj::load_mtl_buf(&mut text.as_bytes()).map_err(|e| Error::import_from(path, "not an MTL file", e))?;
         for entry in entries {

@@ -24,10 +24,11 @@ use super::{Material, Object, Rig, Scene, files};
 use crate::error::{Error, Result};
 use materials::Library;
 use sanitize::Face;
+use words::text_of;
 
 pub fn load(path: &Path) -> Result<Scene> {
     let bytes = files::read(path)?;
-    let obj = sanitize::obj(&String::from_utf8_lossy(&bytes)).map_err(|reason| Error::import(path, reason))?;
+    let obj = sanitize::obj(&text_of(&bytes)).map_err(|reason| Error::import(path, reason))?;
     let mut library = Library::default();
     for statement in &obj.libraries {
         library.read(path, statement)?;
@@ -38,6 +39,10 @@ pub fn load(path: &Path) -> Result<Scene> {
     let (models, _) = tobj::load_obj_buf(&mut obj.text.as_bytes(), &LoadOptions::default(), no_materials)
         .map_err(|e| Error::import_from(path, "not an OBJ file", e))?;
     let mut mesh = models.into_iter().next().map(|model| model.mesh).unwrap_or_default();
+    if mesh.vertex_color.iter().any(|&c| c > 1.0) {
+        tracing::warn!("{}: vertex colours above 1 were taken for values from 0 to 255", path.display());
+        mesh.vertex_color.iter_mut().for_each(|c| *c /= 255.0);
+    }
     if mesh.vertex_color.iter().all(|&c| c == 1.0) {
         mesh.vertex_color.clear();
     }

@@ -55,6 +55,7 @@ pub fn obj(text: &str) -> Result<Obj, String> {
                 counts[0] += 1;
             }
             "vt" => {
+                let rest = if has_nan(rest) { "0 0" } else { rest };
                 numbers(rest, 1..=2).map_err(wrong)?;
                 // A single u gets v = 0; values after the second are ignored.
                 obj.text.extend(["vt ", rest, " 0\n"]);
@@ -62,8 +63,7 @@ pub fn obj(text: &str) -> Result<Obj, String> {
             }
             "vn" => {
                 // Normals that are no numbers become those of the faces.
-                let is_nan = rest.split_whitespace().any(|word| word.parse::<f64>().is_ok_and(|x| !x.is_finite()));
-                let rest = if is_nan { "0 0 0" } else { rest };
+                let rest = if has_nan(rest) { "0 0 0" } else { rest };
                 numbers(rest, 3..=3).map_err(wrong)?;
                 obj.text.extend(["vn ", rest, "\n"]);
                 counts[2] += 1;
@@ -104,6 +104,15 @@ fn vertex(rest: &str) -> Result<String, String> {
         [x, y, z, r, g, b] | [x, y, z, r, g, b, _] => Ok(format!("{x:e} {y:e} {z:e} {r:e} {g:e} {b:e}")),
         _ => Err(format!("\"{rest}\" is not a vertex")),
     }
+}
+
+/// Whether some are no finite numbers, as programs print them: `nan`, `-nan(ind)`, `inf`.
+fn has_nan(rest: &str) -> bool {
+    let is_nan = |word: &str| {
+        let word = word.trim_start_matches(['-', '+']).to_ascii_lowercase();
+        word.starts_with("nan") || word.starts_with("inf")
+    };
+    rest.split_whitespace().any(is_nan)
 }
 
 /// Corners `v`, `v/vt`, `v//vn` or `v/vt/vn`; negative indices count back from the last element so far. Returns which

@@ -147,7 +147,7 @@ fn patched<T: DeserializeOwned>(what: &str, entry: Value, change: Object) -> Res
     let mut entry = object(entry);
     let given = |key: &&str| change.get(*key).is_some_and(|value| !value.is_null());
     for keys in EXCLUSIVE.iter().filter(|keys| keys.iter().any(&given)) {
-        keys.iter().for_each(|key| drop(entry.remove(*key)));
+        keys.iter().filter(|key| !given(key)).for_each(|key| drop(entry.remove(*key)));
     }
     merge(&mut entry, change);
     Ok(entry)

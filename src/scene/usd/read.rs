@@ -87,8 +87,8 @@ fn exact(stage: &Stage, path: &Path, loaded: &Rig) -> Option<Rig> {
     if in_usd.len() == loaded.lights.len() && in_usd.iter().all(same) {
         return Some(exact);
     }
-    let lost = "groups, followers and links are discarded";
-    tracing::info!("{}: its lights were edited since relume wrote them; {lost}", path.display());
+    let lost = "groups, followers, filters and links are discarded";
+    tracing::warn!("{}: its lights were edited since relume wrote them; {lost}", path.display());
     None
 }
 

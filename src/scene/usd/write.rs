@@ -10,7 +10,7 @@ use glam::DVec3;
 use super::{EXACT_RIG, has, nearest};
 use crate::error::{Error, Result};
 use crate::scene::rig::{UniqueNames, kelvin_and_tint_of, kelvin_to_rgb};
-use crate::scene::{Light, LightKind, Rig};
+use crate::scene::{Light, LightFilter, LightKind, Rig};
 use crate::storage::file;
 
 /// Radius of the sphere that stands for a point light in renderers that have no points, metres.
@@ -28,6 +28,15 @@ pub fn save(rig: &Rig, path: &Path) -> Result<()> {
     if path.exists() && !super::read::is_ours(path) {
         let reason = "is not a file of lights by relume, and would lose all else; choose another name";
         return Err(Error::invalid(path.display().to_string(), reason));
+    }
+    let is_more = |light: &&Light| {
+        let has_filter = !LightFilter { ies: None, ..light.filter.clone() }.is_none();
+        let is_background = light.kind == LightKind::Dome && light.visible;
+        has_filter || !light.links.factor.is_empty() || light.range.is_some() || is_background
+    };
+    if let Some(light) = rig.lights.iter().find(is_more) {
+        let lost = "filters, range, factors of links or background";
+        tracing::warn!("{}: UsdLux cannot store {lost} of \"{}\"; relume restores them", path.display(), light.name);
     }
     let text = layer(rig, path);
     file::write_whole(path, |out| out.write_all(text.as_bytes()).map_err(Error::io("write", path)))
