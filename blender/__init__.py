@@ -53,6 +53,10 @@ class Reload(bpy.types.Operator):
     bl_label = "Export again"
     bl_description = "Exports camera, objects and materials again; relume bakes them while its old picture stays"
 
+    @classmethod
+    def poll(cls, _context):
+        return running is not None and running.scene is not None
+
     def execute(self, _context):
         running.reload()
         return {"FINISHED"}
@@ -63,6 +67,10 @@ class BringBack(bpy.types.Operator):
     bl_label = "Bring lights back"
     bl_description = "Gives Blender's lights all values of relume's"
     bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, _context):
+        return running is not None and running.scene is not None and running.is_open
 
     def execute(self, _context):
         running.bring_back()
@@ -99,6 +107,8 @@ class Panel(bpy.types.Panel):
             more = f" and {len(names) - 3} more" if len(names) > 3 else ""
             column.label(text=f"changed: {', '.join(names[:3])}{more}", icon="ERROR")
             column.operator(Reload.bl_idname)
+        for problem in running.problems():
+            column.label(text=problem, icon="ERROR")
         if running.is_open:
             column.operator(BringBack.bl_idname)
         column.operator(Disconnect.bl_idname)
@@ -140,7 +150,7 @@ def redraw():
 
 @persistent
 def on_change(scene, depsgraph):
-    if running is not None and scene.name == running.scene_name:
+    if running is not None and scene.session_uid == running.scene_uid:
         running.note(depsgraph.updates)
 
 

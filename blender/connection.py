@@ -14,6 +14,9 @@ class Lost(Exception):
 
 
 class Connection:
+    # Id of the first request.
+    HELLO = 1
+
     def __init__(self, file, name="Blender"):
         """Raises Lost if nobody listens."""
         try:

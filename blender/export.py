@@ -8,7 +8,7 @@ from pathlib import Path
 
 import bpy
 
-from . import lights, world
+from . import lights, rendered, world
 
 
 def folder_of(scene):
@@ -38,8 +38,8 @@ def world_key(scene):
 
 def entries(scene, folder):
     """All lights of a scene as relume's entries, by key."""
-    bpy.context.view_layer.update()
-    found = {key: lights.entry_of(thing, folder) for key, thing in keys(scene).items()}
+    rendered.view_layer(scene).update()
+    found = {key: lights.entry_of(thing, scene, folder) for key, thing in keys(scene).items()}
     dome = world.entry_of(scene.world, folder)
     if dome:
         found[world_key(scene)] = dome
@@ -48,21 +48,28 @@ def entries(scene, folder):
 
 def shown(scene):
     """Names of the objects that are exported."""
-    return {thing.name for thing in scene.objects if thing.type not in {"LIGHT", "EMPTY"} and not thing.hide_render}
+    things = rendered.objects(scene)
+    return {thing.name for thing in things if thing.type not in {"LIGHT", "EMPTY"} and not thing.hide_render}
 
 
 def write_scene(scene, path):
-    """Camera, geometry and materials."""
-    bpy.ops.export_scene.gltf(
-        filepath=str(path),
-        export_format="GLB",
-        export_cameras=True,
-        export_lights=False,
-        export_apply=True,
-        export_animations=False,
-        export_current_frame=True,
-        use_renderable=True,
-    )
+    """Camera, geometry and materials, as they are at this frame."""
+    written = path.with_name(f"{path.stem}-new{path.suffix}")
+    with bpy.context.temp_override(scene=scene, view_layer=rendered.view_layer(scene)):
+        bpy.ops.export_scene.gltf(
+            filepath=str(written),
+            export_format="GLB",
+            export_cameras=True,
+            export_lights=False,
+            export_apply=True,
+            export_animations=False,
+            export_current_frame=True,
+            export_rest_position_armature=False,
+            export_gn_mesh=True,
+            use_active_scene=True,
+            use_renderable=True,
+        )
+    written.replace(path)  # relume may be reading the one before
 
 
 def write_rig(found, path):
@@ -84,13 +91,22 @@ def toml(value):
     return json.dumps(value, ensure_ascii=False)
 
 
-def arguments(scene):
-    """Options of `relume view` for the picture that Blender would render."""
+def picture(scene):
+    """Options of `relume view` for the size and camera that Blender would render."""
     render = scene.render
-    size = [max(1, side * render.resolution_percentage // 100) for side in (render.resolution_x, render.resolution_y)]
-    # relume counts candela where Blender counts watts.
-    stops = scene.view_settings.exposure - math.log2(lights.LUMENS_PER_WATT)
-    chosen = ["--size", "{}x{}".format(*size), "--exposure", f"{stops:.3f}"]
-    if scene.camera:
-        chosen += ["--camera", scene.camera.name]
-    return chosen
+    # relume's pixels are square: the side along which Blender's are longer gets more of them.
+    aspect = render.pixel_aspect_x / render.pixel_aspect_y
+    sides = (render.resolution_x * max(1.0, aspect), render.resolution_y * max(1.0, 1 / aspect))
+    size = [max(1, int(side * render.resolution_percentage / 100)) for side in sides]
+    chosen = ("--size", "{}x{}".format(*size))
+    return (*chosen, "--camera", scene.camera.name) if scene.camera else chosen
+
+
+def exposure(scene):
+    """Blender's, in stops: relume counts candela where Blender counts watts."""
+    return f"{scene.view_settings.exposure - math.log2(lights.LUMENS_PER_WATT):.3f}"
+
+
+def working_space():
+    """The space that Blender's colours are in; before Blender 5 a file does not say."""
+    return getattr(getattr(bpy.data, "colorspace", None), "working_space", "Linear Rec.709")

@@ -9,7 +9,7 @@ import math
 import bpy
 from mathutils import Color, Euler, Matrix, Vector
 
-from . import ies, links
+from . import ies, links, rendered
 
 LUMENS_PER_WATT = 683.0
 KINDS = {"POINT": "point", "SPOT": "spot", "SUN": "directional"}
@@ -39,8 +39,9 @@ def to_blender(v):
 
 
 def lights(scene):
-    """The light objects of a scene."""
-    return [thing for thing in scene.objects if thing.type == "LIGHT"]
+    """The light objects of a scene that are rendered. Portals are none: they only tell Cycles where to look."""
+    found = [thing for thing in rendered.objects(scene) if thing.type == "LIGHT"]
+    return [thing for thing in found if not getattr(getattr(thing.data, "cycles", None), "is_portal", False)]
 
 
 def kind_of(light):
@@ -113,7 +114,7 @@ def tint(light):
     return tuple(light.temperature_color)
 
 
-def entry_of(thing, folder):
+def entry_of(thing, scene, folder):
     """A light as relume's entry."""
     light, matrix = thing.data, thing.matrix_world
     kind = kind_of(light)
@@ -151,24 +152,23 @@ def entry_of(thing, folder):
         entry["group"] = key_of(thing.lightgroup)
     if folder and light.type in {"POINT", "SPOT"} and ies.node_of(light):
         path = ies.path_of(ies.node_of(light), folder)
-        if path and path.exists():
+        if path and ies.peak(path):
             entry["ies"] = str(path)
-    entry.update(links.links_of(thing))
+    entry.update(links.links_of(thing, scene))
     entry.update(json.loads(thing.get(PROPERTY, "{}")))
     return entry
 
 
 def new(scene, key, entry):
-    """A new light object for a light of relume."""
+    """A new light object for a light of relume; Blender may call it otherwise."""
     light = bpy.data.lights.new(key, TYPES[entry["kind"]])
     thing = bpy.data.objects.new(key, light)
     scene.collection.objects.link(thing)
-    apply(thing, entry, set(entry), None)
-    return thing
+    apply(thing, scene, entry, set(entry), None)
 
 
-def apply(thing, entry, changed, folder):
-    """Gives a light object the values of relume's entry that `changed` names."""
+def apply(thing, scene, entry, changed, folder):
+    """Gives a light object the values of relume's entry that `changed` names; what the entry lacks is relume's default."""
     light = thing.data
     kind = entry["kind"]
     if "kind" in changed:
@@ -178,7 +178,7 @@ def apply(thing, entry, changed, folder):
             light.shape = "RECTANGLE" if kind == "rect" else "DISK"
     place(thing, entry, changed)
     if "color" in changed:
-        set_color(light, entry["color"])
+        set_color(light, entry.get("color", [1.0, 1.0, 1.0]))
     size(thing, entry, changed)
     # After the size, on which watts may depend.
     if changed & {"intensity", "stops", "spread_deg", "kind", "ies"}:
@@ -187,7 +187,7 @@ def apply(thing, entry, changed, folder):
             light.exposure, stops = stops, 0.0
         per_watt = candela_per_watt(thing, folder)
         if per_watt > 0:
-            light.energy = entry["intensity"] * 2**stops / per_watt
+            light.energy = entry.get("intensity", 1.0) * 2**stops / per_watt
     if "enabled" in changed:
         thing.hide_render = not entry.get("enabled", True)
     if "shadows" in changed:
@@ -196,7 +196,7 @@ def apply(thing, entry, changed, folder):
         thing.visible_camera = entry.get("visible", False)
     if "group" in changed:
         group = entry.get("group", "")
-        layer = bpy.context.view_layer
+        layer = rendered.view_layer(scene)
         known = next((known.name for known in layer.lightgroups if key_of(known.name) == group), None)
         if group and known is None:
             known = layer.lightgroups.add(name=group).name
@@ -204,6 +204,7 @@ def apply(thing, entry, changed, folder):
     if changed & set(LINKS):
         links.link(thing, entry)
     extras = {key: entry[key] for key in ONLY_RELUME if key in entry}
+    extras |= {key: entry[key] for key in LINKS if links.has_others(entry.get(key, ()))}
     if extras:
         thing[PROPERTY] = json.dumps(extras)
     elif PROPERTY in thing:
@@ -228,7 +229,8 @@ def place(thing, entry, changed):
         right = (right - back * right.dot(back)).normalized()
         rotation = Matrix((right, back.cross(right), back)).transposed().to_quaternion()
     thing.matrix_world = target = Matrix.LocRotScale(location, rotation, scale)
-    if thing.rotation_mode == "XYZ":
+    has_deltas = any(thing.delta_rotation_euler) or any(scale != 1 for scale in thing.delta_scale)
+    if thing.rotation_mode == "XYZ" and thing.parent_type == "OBJECT" and not has_deltas:
         parent = thing.parent.matrix_world @ thing.matrix_parent_inverse if thing.parent else Matrix()
         thing.rotation_euler = euler((parent.inverted_safe() @ target).to_3x3().normalized())
 

@@ -2,30 +2,32 @@
 
 import bpy
 
+from . import rendered
 
-def links_of(thing):
+
+def links_of(thing, scene):
     """Names of the objects that a light lights, or that cast its shadow, where that is not all."""
+    known = shown(scene)
     linking = getattr(thing, "light_linking", None)
     links = {}
     if linking and linking.receiver_collection:
-        included, excluded = members(linking.receiver_collection)
+        included, excluded = members(linking.receiver_collection, known)
         if included:
             links["only"] = included
         if excluded:
             links["except"] = excluded
     if linking and linking.blocker_collection:
-        included, excluded = members(linking.blocker_collection)
+        included, excluded = members(linking.blocker_collection, known)
         if included:
-            excluded += [name for name in shown() if name not in included and name not in excluded]
+            excluded += [name for name in known if name not in included and name not in excluded]
         if excluded:
             links["no_shadow_from"] = excluded
     return links
 
 
-def members(collection):
-    """Names of a linking collection: included, excluded."""
+def members(collection, known):
+    """Names of a linking collection that are `known`: included, excluded."""
     names = {"INCLUDE": [], "EXCLUDE": []}
-    known = shown()
     for thing, state in zip(collection.objects, collection.collection_objects):
         names[state.light_linking.link_state] += [thing.name] * (thing.name in known)
     for child, state in zip(collection.children, collection.collection_children):
@@ -33,10 +35,15 @@ def members(collection):
     return names["INCLUDE"], names["EXCLUDE"]
 
 
-def shown():
+def shown(scene):
     """Names of the objects that relume has."""
-    things = bpy.context.scene.objects
-    return [thing.name for thing in things if thing.type not in {"LIGHT", "CAMERA", "EMPTY"} and not thing.hide_render]
+    kinds = {"LIGHT", "CAMERA", "EMPTY"}
+    return [thing.name for thing in rendered.objects(scene) if thing.type not in kinds and not thing.hide_render]
+
+
+def has_others(names):
+    """Whether relume names what is no object of Blender's, as sets and materials."""
+    return any(name not in bpy.data.objects for name in names)
 
 
 def link(thing, entry):
@@ -47,7 +54,7 @@ def link(thing, entry):
     ):
         states = {name: "INCLUDE" for name in included} | {name: "EXCLUDE" for name in excluded}
         found = {name: state for name, state in states.items() if name in bpy.data.objects}
-        if not found:
+        if not found or has_others(states):
             setattr(thing.light_linking, attribute, None)
             continue
         collection = bpy.data.collections.new(f"{thing.name} {suffix}")

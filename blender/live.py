@@ -12,6 +12,11 @@ import uuid
 
 import bpy
 
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None
+
 from . import export, lights, world
 from .connection import Connection, Lost
 
@@ -20,6 +25,8 @@ PRECISION = 2e-6
 # Time in which edits that follow each other are one step of undo, seconds.
 GESTURE = 0.4
 RETRY = 1.0
+# The same after relume refused to speak with this add-on.
+PATIENCE = 10.0
 POLL = 1.0
 
 
@@ -53,15 +60,28 @@ def merge(value, patch):
     return value
 
 
+def is_locked(path):
+    """Whether a window of relume has this lock file; where Python cannot tell, whether it is there."""
+    if fcntl is None or not path.exists():
+        return path.exists()
+    with path.open("rb") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return False
+        except OSError:
+            return True
+
+
 class Live:
     """One scene of Blender in one relume."""
 
     def __init__(self, scene, takes_theirs=False):
         """`takes_theirs`: relume's lights come here at first."""
-        self.scene_name, self.takes_theirs = scene.name, takes_theirs
+        # The same after the scene was renamed.
+        self.scene_uid, self.takes_theirs = scene.session_uid, takes_theirs
         self.folder = export.folder_of(scene)
         self.glb, self.rig = self.folder / "scene.glb", self.folder / "scene.rig.toml"
-        self.file = self.folder / "connection.json"
+        self.file, self.log = self.folder / "connection.json", self.folder / "relume.log"
         self.connection = self.process = self.peer = None
         self.ours, self.theirs, self.uids = {}, {}, {}
         # Lights that relume refused, as they were.
@@ -73,11 +93,25 @@ class Live:
         self.is_dirty, self.is_open = False, False
         # Objects in the file, and names of what relume does not show as it is now.
         self.exported, self.outdated = export.shown(scene), set()
-        self.message, self.progress = "", None
+        # Options that relume was started with, and whether it has yet to load what was exported.
+        self.arguments, self.needs_reload = None, False
+        self.message, self.progress = "" if self.file.exists() else "relume has no window of this scene", None
 
     @property
     def scene(self):
-        return bpy.data.scenes.get(self.scene_name)
+        return next((scene for scene in bpy.data.scenes if scene.session_uid == self.scene_uid), None)
+
+    def problems(self):
+        """What relume has not as Blender has it, and why."""
+        scene = self.scene
+        if scene is None:
+            return ["the scene is gone"]
+        found = [world.problem_of(scene.world)]
+        if self.arguments not in {None, export.picture(scene)}:
+            found.append("another camera or size: open it again")
+        if export.working_space() != "Linear Rec.709":
+            found.append("colours are taken for Rec. 709")
+        return [problem for problem in found if problem]
 
     # Starting
 
@@ -89,15 +123,18 @@ class Live:
         self.file.unlink(missing_ok=True)
         self.forget_autosaves()
         command = [program, "view", self.glb, "--rig", self.rig, "--listen", self.file]
-        command += [*export.arguments(self.scene), *options]
-        self.process = subprocess.Popen(list(map(str, command)))
+        self.arguments = export.picture(self.scene)
+        command += [*self.arguments, "--exposure", export.exposure(self.scene), *options]
+        with self.log.open("wb") as log:
+            self.process = subprocess.Popen(list(map(str, command)), stderr=log)
         self.ours, self.uids = found, self.current_uids()
         self.message = "relume starts"
 
     def forget_autosaves(self):
-        """What a window left that crashed: Blender has its edits."""
+        """What a window left that crashed: Blender has its edits. Windows that are open have a lock."""
         for path in self.folder.glob("scene.rig.autosave*.toml"):
-            path.unlink(missing_ok=True)
+            if not is_locked(path.with_suffix(".lock")):
+                path.unlink(missing_ok=True)
 
     def export(self):
         export.write_scene(self.scene, self.glb)
@@ -106,12 +143,14 @@ class Live:
         self.outdated.clear()
 
     def reload(self):
-        """Exports again; relume bakes it while the old picture stays."""
+        """Exports again; relume bakes it while the old picture stays, once it is connected."""
         before = self.exported
         self.export()
-        if self.connection:
+        if self.is_open:
             self.unlink(before - self.exported)
             self.connection.request("reload")
+        else:
+            self.needs_reload = True
 
     def unlink(self, gone):
         """Takes objects that are gone out of relume's links, as it refuses a scene that lacks them."""
@@ -129,9 +168,9 @@ class Live:
         found = export.entries(self.scene, self.folder)
         for key in found.keys() - self.theirs.keys():
             self.remove(key)
-        for key, entry in self.theirs.items():
-            ours = found.get(key, {})
-            self.apply(key, entry, {name for name in entry if name not in ours or not same(ours[name], entry[name])})
+        for key, entry in list(self.theirs.items()):
+            # A key that one of them lacks has relume's default there.
+            self.apply(key, entry, set(difference(found.get(key, {}), entry)))
         self.agree()
 
     def stop(self):
@@ -143,8 +182,9 @@ class Live:
 
     def pump(self):
         """Sends what was edited here, takes what was edited there. Never waits."""
-        if self.scene is None:
+        if self.scene is None or bpy.app.is_job_running("RENDER"):  # which reads what would change
             return
+        self.watch()
         try:
             if self.connection is None:
                 self.connect()
@@ -166,6 +206,15 @@ class Live:
             self.lose(f"{type(error).__name__}: {error}")
         self.push_undo()
 
+    def watch(self):
+        """Tells why a relume that was started here has ended."""
+        if self.process is None or self.process.poll() is None:
+            return
+        code, self.process = self.process.returncode, None
+        lines = self.log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+        if code != 0:
+            self.message = lines[-1] if lines else f"relume ended with status {code}"
+
     def connect(self):
         if time.monotonic() < self.retry_at or not self.file.exists():
             return
@@ -174,7 +223,8 @@ class Live:
             self.connection = Connection(self.file)
             self.message = "connected"
         except Lost:
-            self.message = "waiting for relume"
+            if self.process:
+                self.message = "waiting for relume"
 
     def lose(self, why):
         if self.connection:
@@ -201,6 +251,9 @@ class Live:
         elif event == "failed":
             self.message, self.progress = message["message"], None
         elif "error" in message:
+            if message.get("id") == Connection.HELLO:
+                self.retry_at = time.monotonic() + PATIENCE
+                raise Lost(message["error"])
             self.message = message["error"]
             if "id" in message:
                 self.refused(message["id"])
@@ -261,6 +314,9 @@ class Live:
             self.send_all()
         self.send_edits()
         self.send_emitters()
+        if self.needs_reload:
+            self.needs_reload = False
+            self.connection.request("reload")
         self.edited_at = 0.0  # the next edit is undone without these
 
     def send_all(self):
@@ -300,13 +356,12 @@ class Live:
     def change(self, key, change):
         """Gives a light here what changed there."""
         if change is not None and "name" in change and change["name"] != key:
-            self.rename(key, change["name"])
-            key = change["name"]
+            key = self.rename(key, change["name"])
         if change is None:
             self.ours.pop(key, None)
             self.remove(key)
         else:
-            self.apply(key, self.theirs[key], set(change))
+            key = self.apply(key, self.theirs[key], set(change))
         self.agree(key)
         self.undo_at = time.monotonic() + GESTURE
 
@@ -314,24 +369,43 @@ class Live:
         thing = self.things().get(key)
         if thing is not None:
             bpy.data.objects.remove(thing)
-        elif key == export.world_key(self.scene):
+        elif key == export.world_key(self.scene) and not world.problem_of(self.scene.world):
             world.apply(self.scene.world, None, set())
 
     def apply(self, key, entry, changed):
-        thing = self.things().get(key)
+        """Gives a light here values of relume's, and returns its name in both afterwards."""
+        things = self.things()
+        thing = things.get(key)
         if entry["kind"] == "emitter":
-            return
+            return key
         if entry["kind"] == "dome":
             self.apply_dome(key, entry, changed)
-        elif thing is not None:
-            lights.apply(thing, entry, changed, self.folder)
-        else:
+        elif thing is None:
             lights.new(self.scene, key, entry)
+            key = self.renamed(key, self.things().keys() - things.keys())
+        elif thing.library:
+            self.message = f"{key} is linked from another file, and stays as it is there"
+        else:
+            lights.apply(thing, self.scene, entry, changed, self.folder)
+        return key
+
+    def renamed(self, key, names):
+        """Tells relume the name that Blender gave a light, the only one of `names`, if another object has `key`."""
+        name = next(iter(names), key)
+        if name != key:
+            self.send({key: {"name": name}})
+            for known in (self.theirs, self.ours):
+                if key in known:
+                    known[name] = known.pop(key)
+        return name
 
     def apply_dome(self, key, entry, changed):
         here = self.scene.world
         if here is None:
             self.scene.world = here = world.new(key)
+        if world.problem_of(here):
+            self.message = f"{key} stays in relume: {world.problem_of(here)}"
+            return
         if lights.key_of(here.name) != key and world.entry_of(here, self.folder) is None:
             here.name = key
         if lights.key_of(here.name) == key:
@@ -340,12 +414,17 @@ class Live:
             self.message = f"{key} stays in relume: Blender has one world"
 
     def rename(self, key, name):
-        thing = self.scene.world if key == export.world_key(self.scene) else self.things().get(key)
-        if thing is not None:
-            thing.name = name
+        """Renames a light here as it was there, and returns its name in both afterwards."""
+        is_world = key == export.world_key(self.scene)
+        thing = self.scene.world if is_world else self.things().get(key)
         for known in (self.theirs, self.ours):
             if key in known:
                 known[name] = known.pop(key)
+        if thing is None or thing.library:
+            return name
+        thing.name = name
+        given = {export.world_key(self.scene)} if is_world else {k for k, v in self.things().items() if v == thing}
+        return self.renamed(name, given)
 
     def agree(self, key=None):
         """Both sides have the same now, of one light or of all."""
