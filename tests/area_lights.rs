@@ -120,9 +120,12 @@ fn irradiance() {
 #[test]
 fn pictures_while_moving() {
     let gpu = gpu();
-    let setup = Setup::new(270, 180);
+    // The middle of a picture of twice the size, whose pixels see as small a part of the scene.
+    let setup = Setup::new(135, 90);
     let scene = Scene::load(&shipped("balls-2.glb")).unwrap();
-    let camera = scene.cameras[0].clone();
+    let mut camera = scene.cameras[0].clone();
+    let Projection::Perspective { yfov } = &mut camera.projection else { panic!("it is a perspective") };
+    *yfov = 2.0 * (0.5 * (0.5 * *yfov).tan()).atan();
     let base = Light {
         radius: 0.3,
         size: [1.2, 0.6],
@@ -212,10 +215,11 @@ fn no_size_is_no_change() {
 fn penumbra_of_a_sun() {
     let gpu = gpu();
     let angle = 4f64.to_radians();
-    let mut build = floor();
-    let material = build.material(lambert(Vec3::ZERO));
+    let mut build = Build::default();
+    let [grey, black] = [ALBEDO as f32, 0.0].map(|albedo| build.material(lambert(Vec3::splat(albedo))));
+    build.quad(DVec3::ZERO, 0.2 * DVec3::Z, 0.2 * DVec3::X, grey);
     // Shades all of x > 0 from straight above.
-    build.quad(DVec3::new(2.0, 1.0, 0.0), 2.0 * DVec3::X, 4.0 * DVec3::NEG_Z, material);
+    build.quad(DVec3::new(0.1, 1.0, 0.0), 0.1 * DVec3::X, 0.2 * DVec3::NEG_Z, black);
     let sun = Light {
         kind: LightKind::Directional,
         direction: DVec3::NEG_Y,
@@ -225,13 +229,12 @@ fn penumbra_of_a_sun() {
     };
     let all = rig(vec![sun]);
     let radius = (angle / 2.0).tan();
-    // What 256 points can tell of an edge; a map of 4,096 texels blurs it by a seventh of the penumbra.
-    let traced = [-1.1, -0.8, -0.5, 0.0, 0.4, 0.9, 1.1].map(|share| (share, VisibilityMethod::Traced, 8e-3));
-    // A map is drawn for each point, which takes long.
-    let mapped = [-0.5, 0.0, 0.9].map(|share| (share, VisibilityMethod::Map, 4e-2));
-    for (share, visibility, tolerance) in traced.into_iter().chain(mapped) {
+    // What 256 points can tell of an edge; a map is drawn for each of them, whose texels are a tenth of the penumbra.
+    let shares = [-1.1, -0.8, -0.5, 0.0, 0.4, 0.9, 1.1];
+    let methods = [(VisibilityMethod::Traced, 8e-3), (VisibilityMethod::Map, 4e-2)];
+    for (share, (visibility, tolerance)) in shares.into_iter().flat_map(|share| methods.map(|method| (share, method))) {
         let point = DVec3::X * (share * radius);
-        let setup = Setup { visibility, shadow_size: 4096, ..Setup::new(1, 1) };
+        let setup = Setup { visibility, shadow_size: 256, ..Setup::new(1, 1) };
         let mut camera = at(point);
         camera.position.y = 0.5; // below the edge
         let stage = stage::Stage::new(build.scene(), &camera, &all, &setup);

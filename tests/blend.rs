@@ -7,7 +7,7 @@ use std::f64::consts::PI;
 use common::random::Random;
 use common::ratio::Lit;
 use common::stage::{Build, Setup, Stage, lambert, look, mirror, pixels, render, rig};
-use common::{assert_near, drawn, gpu, transfer};
+use common::{assert_near, drawn, gpu, largest, transfer};
 use glam::{DVec3, Mat3, Vec2, Vec3};
 use relume::bake::transport::TransferSettings;
 use relume::reference::path_tracer::{Half, Layer, PathTracer, Settings};
@@ -73,7 +73,7 @@ fn assert_all(pixels: &[[f32; 3]], want: DVec3, absolute: f64, what: &str) {
     for (i, pixel) in pixels.iter().enumerate() {
         let got = Vec3::from(*pixel).as_dvec3();
         let off = (got - want).abs();
-        assert!((off - FLOAT * want).max_element() <= absolute, "{what}, pixel {i}: {got}, want {want}");
+        assert!(largest((off - FLOAT * want).to_array()) <= absolute, "{what}, pixel {i}: {got}, want {want}");
     }
 }
 
@@ -138,7 +138,7 @@ fn many_sheets_are_right_on_average() {
         // What is left to chance after 16 sheets is 0.44 of a pixel, 0.13 of it the wall's: 4 standard errors.
         let error = 4.0 * 0.44 * (0.29 * 0.71f64).sqrt() / 128.0;
         let off = (mean - want).abs() / (SHEET - WALL).abs().as_dvec3();
-        assert!(off.max_element() < error, "{mean}, want {want}");
+        assert!(largest(off.to_array()) < error, "{mean}, want {want}");
     }
 }
 
@@ -227,7 +227,7 @@ fn a_leaf_with_an_alpha_texture() {
                 let floor = (1.0 - alpha) * WALL.as_dvec3();
                 let want = if is_above { (1.0 - alpha) * floor + alpha * color(texel) } else { floor };
                 let got = Vec3::from(*got).as_dvec3();
-                assert!((got - want).abs().max_element() < HALF_STEP + 1e-5, "texel {i}: {got}, want {want}");
+                assert!(largest((got - want).abs().to_array()) < HALF_STEP + 1e-5, "texel {i}: {got}, want {want}");
             }
         }
     }

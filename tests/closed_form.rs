@@ -5,7 +5,7 @@ mod common;
 use std::f64::consts::PI;
 
 use common::stage::{self, Build, Setup, emitter, lambert, look, mirror, pixels, render, rig};
-use common::{assert_near, gpu};
+use common::{assert_near, gpu, largest};
 use glam::{DVec3, Vec3};
 use relume::relight::{Layers, Picture, Relighter};
 use relume::scene::{Camera, Encoding, Light, LightGroup, LightKind, Material, Projection, Rig, Scene, Texture};
@@ -442,10 +442,9 @@ fn still_life(scale: f64, offset: DVec3) -> (Scene, Camera, Rig) {
 fn differences(a: &[[f32; 3]], b: &[[f32; 3]]) -> (f64, usize) {
     assert_eq!(a.len(), b.len());
     let mean = b.iter().flatten().map(|&x| f64::from(x)).sum::<f64>() / (3 * b.len()) as f64;
-    let error =
-        |(a, b): (&[f32; 3], &[f32; 3])| (0..3).map(|c| f64::from((a[c] - b[c]).abs())).fold(0.0, f64::max) / mean;
+    let error = |(a, b): (&[f32; 3], &[f32; 3])| largest([0, 1, 2].map(|c| f64::from((a[c] - b[c]).abs()))) / mean;
     let errors: Vec<f64> = a.iter().zip(b).map(error).collect();
-    (errors.iter().copied().fold(0.0, f64::max), errors.iter().filter(|&&e| e > 1e-3).count())
+    (largest(errors.iter().copied()), errors.iter().filter(|&&e| e > 1e-3).count())
 }
 
 #[test]

@@ -271,8 +271,8 @@ fn surfaces_and_mattes_are_what_rays_find() {
         let distance = f64::from(hit.distance) * scene.space.unit;
         assert!((f64::from(depth[pixel]) - distance).abs() < 1e-4 * distance, "{x} {y}: {} {distance}", depth[pixel]);
         let at = origin + distance * direction;
-        let far = (0..3).map(|c| (f64::from(position[c][pixel]) - at[c]).abs()).fold(0.0, f64::max);
-        assert!(far < 1e-3, "{x} {y}: {far}");
+        let far = [0, 1, 2].map(|c| (f64::from(position[c][pixel]) - at[c]).abs());
+        assert!(far.iter().all(|&far| far < 1e-3), "{x} {y}: {far:?}");
         let length = (0..3).map(|c| normal[c][pixel] * normal[c][pixel]).sum::<f32>();
         assert!((length - 1.0).abs() < 1e-4 && albedo[pixel] >= 0.0, "{x} {y}");
     }

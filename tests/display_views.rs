@@ -12,7 +12,7 @@ use std::sync::Arc;
 use command::{Run, folder, read_exr, relume, shipped};
 use common::random::Random;
 use common::stage::{Setup, Stage};
-use common::{gpu, mutants};
+use common::{gpu, largest, mutants};
 use glam::Vec3;
 use relume::image::display_view::{DisplayConfig, DisplayView};
 use relume::reference::composite;
@@ -173,7 +173,7 @@ fn assert_equal(config: &DisplayConfig, truths: &[Truth]) {
         let mut colors = COLORS;
         config.view(Some(display), Some(view)).unwrap().apply(&mut colors);
         for ((got, want), color) in colors.iter().zip(values).zip(COLORS) {
-            let error = (Vec3::from(*got) - Vec3::from(*want)).abs().max_element();
+            let error = largest((Vec3::from(*got) - Vec3::from(*want)).as_dvec3().abs().to_array());
             // The truth is rounded to 5e-7; a code of 10 bits is 1e-3.
             assert!(error < 1e-5, "{view}: {color:?} is {got:?}, not {want:?}");
         }
@@ -279,7 +279,7 @@ fn table_errors(view: &DisplayView, colors: &[[f32; 3]]) -> Vec<f64> {
     let error = |(color, want): (&[f32; 3], [f32; 3])| {
         let got = composite::display(OUTPUT_TABLE, Vec3::from(*color).as_dvec3(), &table);
         let want = Vec3::from(want).clamp(Vec3::ZERO, Vec3::ONE).as_dvec3();
-        255.0 * (got - want).abs().max_element()
+        255.0 * largest((got - want).abs().to_array())
     };
     let mut errors: Vec<f64> = colors.iter().zip(want).map(error).collect();
     errors.sort_by(f64::total_cmp);

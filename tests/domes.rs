@@ -276,9 +276,9 @@ fn blocks(image: &[[f32; 3]]) -> Vec<[f32; 3]> {
     (0..96 * 64).map(|i| mean(i).to_array()).collect()
 }
 
-/// Odd maps give finite pictures; what is no map gives an error that names it.
+/// A map of values that are no radiance gives finite pictures; what is no map gives an error that names it.
 #[test]
-fn odd_maps() {
+fn strange_maps() {
     let gpu = gpu();
     let (scene, camera) = balls();
     let setup = Setup::new(24, 16);
@@ -288,20 +288,12 @@ fn odd_maps() {
         2 => Vec3::splat(1e6),
         _ => Vec3::splat(1e-30),
     };
-    for map in [
-        map("one", [1, 1], |_, _| Vec3::splat(0.5)),
-        map("black", [4, 2], |_, _| Vec3::ZERO),
-        map("strange", [16, 8], strange),
-        map("pole", [16, 8], |_, y| if y == 0 { Vec3::splat(1e6) } else { Vec3::ZERO }),
-        map("horizon", [1, 9], |_, y| if y == 4 { Vec3::ONE } else { Vec3::ZERO }),
-    ] {
-        let all = rig(vec![Light { visible: true, ..dome(Some(map)) }]);
-        let stage = Stage::new(scene.clone(), &camera, &all, &setup);
-        for detail in [Detail::Coarse, Detail::Exact] {
-            let request = Request { detail, ..Request::default() };
-            let picture = stage.relighter(&gpu, &all, &setup).linear(request).unwrap().to_vec();
-            assert!(picture.iter().flatten().all(|x| x.is_finite() && *x >= 0.0), "{all:?}, {detail:?}");
-        }
+    let all = rig(vec![Light { visible: true, ..dome(Some(map("strange", [16, 8], strange))) }]);
+    let stage = Stage::new(scene.clone(), &camera, &all, &setup);
+    for detail in [Detail::Coarse, Detail::Exact] {
+        let request = Request { detail, ..Request::default() };
+        let picture = stage.relighter(&gpu, &all, &setup).linear(request).unwrap().to_vec();
+        assert!(picture.iter().flatten().all(|x| x.is_finite() && *x >= 0.0), "{detail:?}");
     }
     let path = output_dir().join("no_map.hdr");
     std::fs::write(&path, "#?RADIANCE\n\n-Y 7 +X 9999999\n").unwrap();

@@ -4,7 +4,7 @@ mod common;
 
 use common::stage::{Build, Setup, Stage, emitter, lambert, look, mirror, pixels, rig};
 use common::transfer::settings;
-use common::{gpu, output_dir, shipped};
+use common::{gpu, largest, output_dir, shipped};
 use glam::{DVec3, Vec3};
 use relume::bake::compression::CompressionSettings;
 use relume::bake::transfer::Transfer;
@@ -63,10 +63,10 @@ fn dimmed() -> Rig {
 const PANEL: Vec3 = Vec3::new(4.0, 3.0, 2.0);
 const PAIR: Vec3 = Vec3::new(0.5, 1.0, 2.0);
 
-fn assert_same(got: &[[f32; 3]], want: &[[f32; 3]], tolerance: f32, what: &str) {
-    let largest = want.iter().flatten().fold(0.0f32, |a, b| a.max(b.abs()));
-    let off = got.iter().flatten().zip(want.iter().flatten()).fold(0.0f32, |most, (a, b)| most.max((a - b).abs()));
-    assert!(off <= tolerance * largest, "{what}: off by {off} of {largest}");
+fn assert_same(got: &[[f32; 3]], want: &[[f32; 3]], tolerance: f64, what: &str) {
+    let pairs = || got.as_flattened().iter().zip(want.as_flattened()).map(|(a, b)| (f64::from(*a), f64::from(*b)));
+    let (most, off) = (largest(pairs().map(|(_, b)| b.abs())), largest(pairs().map(|(a, b)| (a - b).abs())));
+    assert!(most > 0.0 && off <= tolerance * most, "{what}: off by {off} of {most}");
 }
 
 #[test]
@@ -169,8 +169,8 @@ fn relit(stage: &mut Stage, settings: &TransferSettings) -> Vec<[f32; 3]> {
     stage.relighter(&gpu, &panel(), &setup).linear(Picture::Emission).unwrap().to_vec()
 }
 
-/// Light of the panel, the path tracer's.
-fn path_traced(stage: &Stage, camera: &Camera) -> Vec<[f32; 3]> {
+/// Light of the panel, the path tracer's with so many samples a pixel.
+fn path_traced(stage: &Stage, camera: &Camera, samples: u32) -> Vec<[f32; 3]> {
     let settings = Settings {
         width: SIDE as u32,
         height: SIDE as u32,
@@ -181,15 +181,15 @@ fn path_traced(stage: &Stage, camera: &Camera) -> Vec<[f32; 3]> {
         light_layers: false,
         seed: 1,
     };
-    let film = PathTracer::new(&stage.scene, camera, &panel(), &settings).trace(8192, &|| false, &|_| ());
+    let film = PathTracer::new(&stage.scene, camera, &panel(), &settings).trace(samples, &|| false, &|_| ());
     film.layer(Half::Both, Layer::Emission)
 }
 
 /// Light of the panel: relume's with 200 gather samples, `coarse` of them for further bounces, and rows of 128 rays;
-/// and the path tracer's.
-fn beside_the_path_tracer(build: Build, camera: &Camera, coarse: usize) -> [Vec<[f32; 3]>; 2] {
+/// and the path tracer's with so many samples a pixel.
+fn beside_the_path_tracer(build: Build, camera: &Camera, coarse: usize, samples: u32) -> [Vec<[f32; 3]>; 2] {
     let mut stage = staged(build, camera);
-    [relit(&mut stage, &settings(200, coarse, 128)), path_traced(&stage, camera)]
+    [relit(&mut stage, &settings(200, coarse, 128)), path_traced(&stage, camera, samples)]
 }
 
 /// Relative RMS error and bias of blocks of `side` pixels, red.
@@ -223,7 +223,7 @@ fn panels_light_rooms_as_much_as_paths_find() {
     build.quad(DVec3::new(-0.6, 0.5, 0.3), DVec3::X * 0.2, DVec3::NEG_Z * 0.2, panel);
     let camera = look(DVec3::new(0.1, 0.1, 0.95), DVec3::NEG_Z, DVec3::Y, Projection::Perspective { yfov: 1.3 });
     let mut stage = staged(build, &camera);
-    let truth = path_traced(&stage, &camera);
+    let truth = path_traced(&stage, &camera, 1024);
     for coarse in [400, 800] {
         let of_seed = |seed| {
             let settings = TransferSettings { seed, ..settings(800, coarse, 256) };
@@ -247,7 +247,7 @@ fn mirrors_throw_light_of_emitters() {
     build.quad(DVec3::new(0.0, 1.5, 0.0), DVec3::X * 0.3, DVec3::Z * 0.3, shiny);
     build.quad(DVec3::new(0.3, 0.7, 0.0), DVec3::X * 0.1, DVec3::NEG_Z * 0.1, panel);
     let camera = look(DVec3::new(0.0, 0.6, 1.6), DVec3::ZERO, DVec3::Y, Projection::Perspective { yfov: 0.7 });
-    let (error, bias) = differences(&beside_the_path_tracer(build, &camera, 100), 8);
+    let (error, bias) = differences(&beside_the_path_tracer(build, &camera, 100, 1024), 8);
     assert!(error < 0.03 && bias.abs() < 0.02, "off by {error}, {bias:+}");
 }
 
@@ -264,7 +264,7 @@ fn small_bright_surfaces_leave_no_dots() {
         build.quad(DVec3::new(0.0, 0.75, 0.0), DVec3::X * 0.06, DVec3::Z * 0.06, white);
         build.quad(DVec3::new(0.0, 0.55, 0.0), DVec3::X * 0.03, DVec3::NEG_Z * 0.03, panel);
         let camera = look(DVec3::new(0.0, 0.6, 1.6), DVec3::ZERO, DVec3::Y, Projection::Perspective { yfov: 0.7 });
-        let images = beside_the_path_tracer(build, &camera, coarse);
+        let images = beside_the_path_tracer(build, &camera, coarse, 8192);
         let (error, bias) = differences(&images, 8);
         assert!(error < 0.03 && bias.abs() < 0.02, "{coarse}: off by {error}, {bias:+}");
         // The limit for single pixels is larger because of the path tracer's noise.

@@ -24,13 +24,16 @@ fn seen(scene: &TracedScene, camera: &Camera, side: u32) -> DeepFramebuffer {
     bake(scene, camera, &Rig::default(), &settings, &|_| ())
 }
 
+/// Passes of final gathering, and samples a pixel of the path tracer.
+type Effort = (u32, u32);
+
 /// Mean of indirect light over the picture and channels, by final gathering and by the path tracer.
-fn means(scene: &TracedScene, camera: &Camera, side: u32, rig: &Rig, passes: u32) -> [f64; 2] {
+fn means(scene: &TracedScene, camera: &Camera, side: u32, rig: &Rig, (passes, samples): Effort) -> [f64; 2] {
     let framebuffer = seen(scene, camera, side);
     let mut gather = FinalGather::new(scene, &framebuffer, rig, |_| true, 1, 0);
     (0..passes).for_each(|_| gather.pass(&|| false));
     let tracer = PathTracer::new(scene, camera, rig, &tracing(side, side));
-    let film = tracer.trace(1024, &|| false, &|_| ());
+    let film = tracer.trace(samples, &|| false, &|_| ());
     let mean = |pixels: &mut dyn Iterator<Item = Vec3>| {
         pixels.map(|pixel| f64::from(pixel.element_sum())).sum::<f64>() / f64::from(3 * side * side)
     };
@@ -97,7 +100,7 @@ fn light_of_any_kind_is_what_the_path_tracer_finds() {
         ("without shadows", vec![without_shadows]),
     ];
     for (what, lights) in rigs {
-        assert_alike(what, means(&scene, &camera, SIDE, &rig(lights), 96));
+        assert_alike(what, means(&scene, &camera, SIDE, &rig(lights), (40, 256)));
     }
 }
 
@@ -111,7 +114,7 @@ fn mirrors_and_emitters() {
         let radius = share * f64::from(scene.bvh.radius) * scene.space.unit;
         rig.lights.iter_mut().for_each(|light| *light = Light { kind: LightKind::Point, radius, ..light.clone() });
         let what = format!("balls under spheres of {radius:.2} m");
-        assert_alike(&what, means(&scene, &scene.cameras[0].clone(), 2 * SIDE, &rig, 48));
+        assert_alike(&what, means(&scene, &scene.cameras[0].clone(), 2 * SIDE, &rig, (48, 1024)));
     }
 
     let mut build = Build::default();
@@ -123,7 +126,7 @@ fn mirrors_and_emitters() {
     build.quad(DVec3::new(0.3, 0.4, 0.0), DVec3::X * 0.1, DVec3::NEG_Z * 0.1, panel);
     let camera = look(DVec3::new(0.0, 0.0, 0.9), DVec3::ZERO, DVec3::Y, Projection::Perspective { yfov: 1.4 });
     let all = rig(vec![Light::emitter("panel", "panel")]);
-    assert_alike("panel below a mirror", means(&TracedScene::new(build.scene()), &camera, SIDE, &all, 48));
+    assert_alike("panel below a mirror", means(&TracedScene::new(build.scene()), &camera, SIDE, &all, (48, 1024)));
 }
 
 /// Glossy walls send on what they get, many times.
@@ -138,7 +141,7 @@ fn rooms_of_metal() {
         let camera = look(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, Projection::Perspective { yfov: 1.2 });
         let all = rig(vec![Light::emitter("wall", "wall")]);
         let what = format!("a room of metal, roughness {roughness}");
-        assert_alike(&what, means(&TracedScene::new(build.scene()), &camera, SIDE, &all, 32));
+        assert_alike(&what, means(&TracedScene::new(build.scene()), &camera, SIDE, &all, (12, 192)));
     }
 }
 
@@ -161,7 +164,7 @@ fn a_lamp_in_a_can() {
     build.quad(middle - DVec3::Y * (height / 2.0 - 0.02), DVec3::Z * 0.05, DVec3::X * 0.05, bulb);
     let camera = look(DVec3::new(0.7, 0.5, 0.9), DVec3::ZERO, DVec3::Y, Projection::Perspective { yfov: 1.2 });
     let all = rig(vec![Light::emitter("bulb", "bulb")]);
-    assert_alike("a lamp in a can", means(&TracedScene::new(build.scene()), &camera, SIDE, &all, 96));
+    assert_alike("a lamp in a can", means(&TracedScene::new(build.scene()), &camera, SIDE, &all, (96, 1024)));
 }
 
 /// A plane mirror throws light on a floor as if the light stood behind it, through a window as large as the mirror.

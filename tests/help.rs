@@ -101,28 +101,6 @@ fn help_fits_the_terminal() {
     }
 }
 
-#[test]
-fn options_of_a_picture_are_in_its_help() {
-    let help = help(&["render", "--help"], 80);
-    for option in ["--rig", "--size", "--camera", "--gi", "--layers", "--samples", "--strip-diffuse", "--force-all"]
-        .iter()
-        .chain(&["--visibility", "--shadow-size", "--seed", "--device", "--threads", "--budget", "--cache"])
-        .chain(&[
-            "--no-cache",
-            "--passes",
-            "--exposure",
-            "--tonemap",
-            "--ocio",
-            "--stats",
-            "--trace",
-            "--quiet",
-            "--verbose",
-        ])
-    {
-        assert!(help.contains(option), "no {option} in {help}");
-    }
-}
-
 /// What the tests above look for they would find.
 #[test]
 fn missing_descriptions_are_found() {

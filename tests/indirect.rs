@@ -7,7 +7,7 @@ use std::sync::Arc;
 use common::kernel::{ROUNDING, SENTINEL, output, pixel, run};
 use common::random::Random;
 use common::stage::{Build, Setup, Stage, emitter, lambert, look, mirror, pixels, rig};
-use common::{Gpu, gpu, transfer};
+use common::{Gpu, gpu, largest, transfer};
 use glam::{DVec3, UVec2, UVec4, Vec3, Vec4};
 use relume::bake::baselines::thesis::{Thesis, ThesisSettings, shade_thesis};
 use relume::bake::brdf_factors::HarmonicProjection;
@@ -169,7 +169,7 @@ fn multiply_blocks() {
             let exact: Vec<DVec3> =
                 values.iter().skip(light).step_by(places).map(|v| v.truncate().as_dvec3()).collect();
             let want = matrix.multiply(&exact);
-            let largest = matrix.multiply_magnitudes(&exact);
+            let magnitudes = matrix.multiply_magnitudes(&exact);
             for row in 0..outputs {
                 let (got, before, place) = match () {
                     () if !to_view => {
@@ -180,8 +180,8 @@ fn multiply_blocks() {
                     () => (pixel(extra_images[light].host(), extra_stride, row - pixel_count), 0.5, row),
                 };
                 // A rounding for each of at most 130 sums, and those of what was there before.
-                let tolerance = 140.0 * ROUNDING * (largest[place].max_element() + before);
-                let error = (got - want[place] - before).abs().max_element();
+                let tolerance = 140.0 * ROUNDING * (magnitudes[place].max_element() + before);
+                let error = largest((got - want[place] - before).abs().to_array());
                 assert!(error <= tolerance, "row {row} of {outputs}: off by {error:.3e}, tolerance {tolerance:.3e}");
             }
             for buffer in [(&images[light], 3 * pixel_count), (&extra_images[light], 3 * extra_stride)] {
@@ -231,7 +231,7 @@ fn products_on_the_host() {
         for light in 0..lights {
             let exact: Vec<DVec3> =
                 before.iter().skip(light).step_by(places).map(|v| v.truncate().as_dvec3()).collect();
-            let (want, largest) = (matrix.multiply(&exact), matrix.multiply_magnitudes(&exact));
+            let (want, magnitudes) = (matrix.multiply(&exact), matrix.multiply_magnitudes(&exact));
             for row in 0..outputs {
                 let (pixels, extra_samples) = &images[light];
                 let (got, before, place) = match () {
@@ -242,8 +242,8 @@ fn products_on_the_host() {
                     () => (pixel(extra_samples, extra_stride, row - pixel_count), 0.5, row),
                 };
                 // As in `multiply_blocks`.
-                let tolerance = 140.0 * ROUNDING * (largest[place].max_element() + before);
-                let error = (got - want[place] - before).abs().max_element();
+                let tolerance = 140.0 * ROUNDING * (magnitudes[place].max_element() + before);
+                let error = largest((got - want[place] - before).abs().to_array());
                 assert!(error <= tolerance, "row {row} of {outputs}: off by {error:.3e}, tolerance {tolerance:.3e}");
             }
         }
@@ -518,13 +518,13 @@ fn shade_gather() {
             pass.dispatch(&add_light_rays, &push, push.count);
         });
         let want = direct::shade(&stage.scene, level, &packed);
-        let largest = want.iter().fold(0.0, |m: f64, v| m.max(v.abs().max_element()));
+        let most = largest(want.iter().flat_map(|v| v.abs().to_array()));
         for (i, want) in want.iter().enumerate() {
             let want = *want * factor(i).as_dvec3();
             let got = DVec3::from_slice(&[0, 1, 2].map(|c| f64::from(coefficients.host()[4 * i + c])));
-            let error = (got - want).abs().max_element();
+            let error = largest((got - want).abs().to_array());
             // Normals and tables in float32; where cosines are small the table is steep.
-            assert!(error <= 2e-5 * largest, "coefficient {i} of {}: {got}, want {want}", light.name);
+            assert!(error <= 2e-5 * most, "coefficient {i} of {}: {got}, want {want}", light.name);
         }
         assert!(coefficients.host()[4 * length..].iter().all(|&x| x == SENTINEL), "wrote past {length}");
     }

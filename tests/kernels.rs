@@ -4,9 +4,9 @@
 
 mod common;
 
-use common::gpu;
 use common::kernel::{ANGLE, RAGGED, ROUNDING, SENTINEL, output, pixel, run};
 use common::random::Random;
+use common::{gpu, largest};
 use glam::{DVec3, UVec2, Vec2, Vec3, Vec4};
 use relume::gpu::{Access, Buffer, Frame, Frames, HostPass, Kernel};
 use relume::physics::octahedral;
@@ -244,7 +244,7 @@ fn composite_sums_and_maps_tones() {
                 let want = 255.0 * composite::display(output_kind, sum, &table);
                 let [r, g, b, alpha] = target.host()[at].to_le_bytes();
                 let got = DVec3::new(r.into(), g.into(), b.into());
-                let error = (got - want).abs().max_element();
+                let error = largest((got - want).abs().to_array());
                 assert!(error <= 0.5 + 0.0255, "output {output_kind}, {sum}: {got}, not {want}");
                 assert_eq!(alpha, 255);
             }

@@ -10,7 +10,7 @@ use command::{Run, difference, folder, json, layer, mean, names_in, read_exr, re
 use common::kernel::{ROUNDING, SENTINEL, output, pixel, run};
 use common::random::Random;
 use common::stage::{Build, Setup, Stage, lambert, look, mirror, pixels, rig};
-use common::{gpu, shipped, transfer};
+use common::{gpu, largest, shipped, transfer};
 use glam::{DVec3, Vec3, Vec4};
 use relume::bake::baselines::row_wavelets::RowWavelets;
 use relume::bake::compression::CompressionSettings;
@@ -91,15 +91,15 @@ fn multiply_sparse() {
             pass.dispatch(&kernel, &push, push.slice_count * GROUP_SIZE);
         });
         let exact: Vec<DVec3> = values.iter().map(|v| v.truncate().as_dvec3()).collect();
-        let (want, largest) = (matrix.multiply(&exact), matrix.multiply_magnitudes(&exact));
+        let (want, magnitudes) = (matrix.multiply(&exact), matrix.multiply_magnitudes(&exact));
         for row in 0..outputs {
             let got = match row < pixel_count {
                 true => pixel(image.host(), pixel_count, row),
                 false => pixel(extra_image.host(), extra_stride, row - pixel_count),
             };
             // A rounding for each of at most 130 sums, and those of what was there before.
-            let tolerance = 140.0 * ROUNDING * (largest[row].max_element() + 0.5);
-            let error = (got - want[row] - 0.5).abs().max_element();
+            let tolerance = 140.0 * ROUNDING * (magnitudes[row].max_element() + 0.5);
+            let error = largest((got - want[row] - 0.5).abs().to_array());
             assert!(error <= tolerance, "row {row} of {outputs}: off by {error:.3e}, tolerance {tolerance:.3e}");
         }
         for (buffer, length) in [(&image, 3 * pixel_count), (&extra_image, 3 * extra_stride)] {
@@ -127,7 +127,7 @@ fn rows_are_kept() {
     let vector: Vec<DVec3> = (0..inputs).map(|_| random.vector(0.5, 1.0)).collect();
     let got = matrix.multiply(&vector);
     for (r, want) in rows.multiply(&vector).into_iter().enumerate() {
-        let error = (got[outputs[r] as usize] - want).abs().max_element();
+        let error = largest((got[outputs[r] as usize] - want).abs().to_array());
         assert!(error <= want.max_element() / 2048.0, "row {r}: {} {want}", got[outputs[r] as usize]);
     }
     for bytes in [1, 9_000, usize::MAX] {

@@ -10,7 +10,7 @@ use std::f64::consts::PI;
 
 use common::kernel::{ANGLE, RAGGED, ROUNDING, SENTINEL, output, pixel, run};
 use common::random::Random;
-use common::{gpu, plain_surface};
+use common::{gpu, largest, plain_surface};
 use glam::{DVec3, UVec2, Vec3};
 use relume::gpu::{Buffer, Frames, Kernel};
 use relume::physics::brdf::{Angles, f_of_angles, ggx};
@@ -400,7 +400,7 @@ fn shade_light_is_exact_where_nothing_is_narrow() {
     for (sample, got) in samples.iter().zip(shaded) {
         let want = reference::shade(sample, &brdfs, 1.0, &light, 0.0);
         // Cosines are above 0.3 or so and lobes 0.16 wide: 2 / 0.16 times the angles' rounding, four times over.
-        let error = ((got - want) / want.max(DVec3::splat(1e-30))).abs().max_element();
+        let error = largest(((got - want) / want.max(DVec3::splat(1e-30))).abs().to_array());
         assert!(error < 4.0 * ANGLE / 0.08, "{sample:?}: {got}, not {want}, off by {error:.1e}");
     }
 }

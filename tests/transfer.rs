@@ -468,21 +468,6 @@ fn black_rooms_stay_black() {
     assert!(thesis.g.values.iter().flatten().all(|v| *v == 0.0) && thesis.spectral_radius == 0.0);
 }
 
-#[test]
-fn a_seed_gives_the_same_transfer_on_any_number_of_threads() {
-    let stage = Stage::inside(room(lambert(Vec3::splat(0.5)), Material { roughness: 0.4, ..Default::default() }));
-    let on = |threads: usize, pieces: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| {
-            let transfer = stage.transfer(&TransferSettings { coarse_samples: 50, ..settings(200, 64) });
-            let all: Vec<u32> = (0..stage.framebuffer.samples.len() as u32).collect();
-            let rows: Vec<_> = all.chunks(pieces).flat_map(|piece| transfer.rows(piece, Lobe::All).values).collect();
-            (transfer.bounce_matrix, transfer.from_fine, rows)
-        })
-    };
-    assert!(on(1, 256) == on(3, 100));
-}
-
 /// What the specular lobe makes of indirect light is a part of it, and without a diffuse lobe all of it.
 #[test]
 fn the_specular_lobe_is_a_part() {

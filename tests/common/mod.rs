@@ -118,6 +118,11 @@ pub fn output_dir() -> PathBuf {
     dir
 }
 
+/// The largest of some numbers, 0 of none; not a number if one of them is not, which the standard's `max` passes over.
+pub fn largest(numbers: impl IntoIterator<Item = f64>) -> f64 {
+    numbers.into_iter().reduce(|most, x| if most.is_nan() || most >= x { most } else { x }).unwrap_or(0.0)
+}
+
 /// Asserts that two values agree to `tolerance` of the second.
 #[track_caller]
 pub fn assert_near(got: f64, want: f64, tolerance: f64, what: impl std::fmt::Display) {

@@ -95,7 +95,8 @@ pub struct Errors {
     compressed: f64,
     /// Noise of rows that compression leaves out, as it reports it.
     noise: f64,
-    thesis: f64,
+    /// `None` unless the table is written.
+    thesis: Option<f64>,
     /// `None` where light bounces so often, or pixels are so few, that it takes minutes.
     noisy: Option<NoisyErrors>,
 }
@@ -122,7 +123,7 @@ impl Errors {
             None => row,
         };
         let mut rows = vec![
-            Row::new(case, asked, 1e-3, self.ours).thesis(self.thesis),
+            Row { thesis: self.thesis, ..Row::new(case, asked, 1e-3, self.ours) },
             Row::new(case, compressed, self.noise + COMPRESSION, self.compressed),
         ];
         if let Some(NoisyErrors { gathered, traced, refined }) = self.noisy {
@@ -140,7 +141,10 @@ impl Errors {
 /// Error of the mean of noisy pictures.
 const MEANS: f64 = 2e-2;
 /// Passes of final gathering.
-const PASSES: u32 = 16;
+fn passes() -> u32 {
+    if full() { 16 } else { 6 }
+}
+
 /// Albedo from which light bounces so often that [`NoisyErrors`] take long.
 const WHITE: f32 = 0.99;
 /// Pixels below which they do: each pixel needs more samples.
@@ -166,14 +170,16 @@ pub fn errors_with(stage: &Stage, albedo: f32, settings: &TransferSettings) -> E
     let noise = nested.report.held_out.as_ref().map_or(0.0, |report| report.noise);
     let all = nested.apply(&emission);
     let compressed: Vec<DVec3> = lit.iter().map(|&i| all[i as usize]).collect();
-    let thesis = stage.thesis(settings.samples);
-    let emitted: Vec<DVec3> = thesis.samples.samples.iter().map(|s| s.emission.as_dvec3()).collect();
-    let thesis = thesis.rows(&lit, Lobe::All).multiply(&thesis.bounce(&emitted));
+    let of_thesis = || {
+        let thesis = stage.thesis(settings.samples);
+        let emitted: Vec<DVec3> = thesis.samples.samples.iter().map(|s| s.emission.as_dvec3()).collect();
+        error(&thesis.rows(&lit, Lobe::All).multiply(&thesis.bounce(&emitted)))
+    };
     Errors {
         ours: error(&rows),
         compressed: error(&compressed),
         noise,
-        thesis: error(&thesis),
+        thesis: full().then(of_thesis),
         noisy: (full() || (albedo < WHITE && stage.framebuffer.tiling.len() >= FEW_PIXELS))
             .then(|| noisy_errors(stage, albedo, &all)),
     }
@@ -187,7 +193,7 @@ fn noisy_errors(stage: &Stage, albedo: f32, operator: &[DVec3]) -> NoisyErrors {
     let DeepFramebuffer { tiling, camera, .. } = framebuffer;
     // Fewer pixels need more samples for a mean of the same noise.
     let times = (1024.0 / tiling.len() as f32).max(1.0);
-    (0..PASSES * times as u32).for_each(|_| gather.pass(&|| false));
+    (0..passes() * times as u32).for_each(|_| gather.pass(&|| false));
     let estimate = gather.estimate(0);
     let pixels: Vec<(u32, u32)> = (0..tiling.height).flat_map(|y| (0..tiling.width).map(move |x| (x, y))).collect();
     let operator: Vec<Vec3> = pixels.iter().map(|&(x, y)| operator[tiling.index(x, y)].as_vec3()).collect();

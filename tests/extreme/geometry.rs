@@ -4,7 +4,8 @@ use glam::{DVec3, Vec3};
 use relume::bake::transport::directions::Lobe;
 use relume::scene::{Projection, Rig, Scene};
 
-use crate::common::stage::{Build, ball, lambert, look};
+use crate::common::largest;
+use crate::common::stage::{Build, lambert, look};
 use crate::even::{Stage, errors, gathered, settings, shining};
 use crate::table::{Row, check};
 
@@ -75,13 +76,11 @@ fn closed_scenes_of_bad_triangles() {
     hair.quads.extend(hair.quads.clone().into_iter().map(|(corners, m)| (corners.map(|p| p * (1.0 + 1e-7)), m)));
     let mut rows = Vec::new();
     for (what, scene) in [
-        ("a box of plain triangles", room().scene()),
         ("walls in fans whose triangles get as narrow as 1e-6", slivers()),
         ("walls in strips, some 1e-6 m wide", needles()),
         ("every triangle twice", twice.scene()),
         ("a second skin 1e-7 m behind the first", hair.scene()),
         ("walls that cut each other", interpenetrating()),
-        ("a ball of 1,728 triangles", ball(12, shining(ALBEDO))),
         ("sheets 1e-2 m apart in a room", crack(1e-2)),
         ("sheets 1e-4 m apart in a room", crack(1e-4)),
         ("sheets 1e-6 m apart in a room", crack(1e-6)),
@@ -116,7 +115,7 @@ fn parallel_plates() {
         let stage = Stage::new(build.scene(), &camera, [32, 32]);
         let transfer = stage.transfer(&settings(1024, 1024, 256));
         let (low, high) = (1.0 / (1.0 - rho * view_factor(gap)), 1.0 / (1.0 - rho));
-        let outside = |gain: f64| (low - gain).max(gain - high).max(0.0) / high;
+        let outside = |gain: f64| largest([low - gain, gain - high, 0.0]) / high;
         let flux = |light: &[DVec3]| -> f64 {
             let of = |i: usize| {
                 light[transfer.fine.coefficients(i).start].x * f64::from(transfer.fine.samples.samples[i].area)
@@ -125,21 +124,24 @@ fn parallel_plates() {
         };
         let emission = transfer.emission();
         let gain = flux(&transfer.bounce(&emission).0) / flux(&emission);
-        let thesis = stage.thesis(1024);
-        let emitted = vec![DVec3::ONE; thesis.samples.len()];
-        let gain_of_thesis = thesis.bounce(&emitted).iter().map(|r| r.x).sum::<f64>() / emitted.len() as f64;
+        let of_thesis = || {
+            let thesis = stage.thesis(1024);
+            let emitted = vec![DVec3::ONE; thesis.samples.len()];
+            outside(thesis.bounce(&emitted).iter().map(|r| r.x).sum::<f64>() / emitted.len() as f64)
+        };
         let asked = "between 1/(1-ρF) and 1/(1-ρ) times what they emit";
         let row = Row::new(format!("plates {gap:.0e} of their size apart"), asked, 1e-3, outside(gain));
-        rows.push(row.thesis(outside(gain_of_thesis)));
+        rows.push(row.thesis(of_thesis));
         let lit = stage.lit();
         let seen = transfer.apply(&[emission], &lit, Lobe::All, &|_| ()).remove(0);
-        let most = seen.iter().map(|p| p.x).fold(0.0, f64::max);
+        let most = largest(seen.iter().map(|p| p.x));
+        assert!(most > 0.0, "no light comes back");
         let asked = "no pixel above ρ/(1-ρ)";
         rows.push(Row::new(
             format!("plates {gap:.0e} of their size apart"),
             asked,
             1e-3,
-            (most / (rho * high) - 1.0).max(0.0),
+            largest([most / (rho * high) - 1.0, 0.0]),
         ));
     }
     check("plates", &rows);
@@ -154,9 +156,8 @@ fn open_scenes() {
         let transfer = stage.transfer(&settings(200, 200, 64));
         let image = transfer.apply(&[transfer.emission()], &stage.lit(), Lobe::All, &|_| ()).remove(0);
         let gathered = gathered(&stage.scene, &stage.framebuffer, &Rig::default(), 4).concat();
-        let gathered = gathered.iter().map(|p| f64::from(Vec3::from(*p).max_element()));
-        let all = image.iter().map(|p| p.max_element()).chain(gathered);
-        all.fold(0.0, |most, x| if x.is_nan() { f64::NAN } else { x.max(most) })
+        let gathered = gathered.iter().flatten().map(|&x| f64::from(x));
+        largest(image.iter().flat_map(|p| p.to_array()).chain(gathered).map(f64::abs))
     };
     let mut one = Build::default();
     let grey = one.material(shining(ALBEDO));

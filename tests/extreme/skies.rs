@@ -8,9 +8,9 @@ use relume::relight::{Detail, Request};
 use relume::scene::{Camera, DomeMap, Light, PhysicalSky, Projection, Scene, SkyMap};
 
 use crate::common::domes::{dome, map};
-use crate::common::gpu;
 use crate::common::stage::{Build, Setup, lambert, look, rig};
-use crate::lights::{Relit, largest, negative};
+use crate::common::{gpu, largest};
+use crate::lights::{Relit, farthest_from_black, negative};
 use crate::table::{Row, check, full};
 
 const ALBEDO: f64 = 0.5;
@@ -98,7 +98,7 @@ fn skies() {
             let mut relighter = relit.relighter(&gpu, &rig(vec![light.clone()]));
             let pixels = relighter.linear(Request { detail, ..Request::default() }).unwrap().to_vec();
             let sum: DVec3 = pixels.iter().map(|p| Vec3::from(*p).as_dvec3()).sum();
-            let off = (sum / pixels.len() as f64 / want - 1.0).abs().max_element() + negative(&pixels);
+            let off = largest((sum / pixels.len() as f64 / want - 1.0).abs().to_array()) + negative(&pixels);
             let row = Row::new(case, format!("irradiance of a floor, {when}"), bound, off);
             rows.push(match (case, detail) {
                 ("a sun of 1e6 cd/m² at the horizon", Detail::Progressive) => row.short(ONE_DIRECTION),
@@ -117,7 +117,7 @@ fn skies() {
             let mut relighter = relit.relighter(&gpu, &rig(vec![light.clone()]));
             relighter.linear(Request { detail, ..Request::default() }).unwrap().to_vec()
         });
-        rows.push(Row::new(case, "black", 0.0, largest(&pixels.concat())));
+        rows.push(Row::new(case, "black", 0.0, farthest_from_black(&pixels.concat())));
     }
     check("skies", &rows);
 }

@@ -11,8 +11,8 @@ pub struct Row {
     asked: String,
     bound: f64,
     robust: f64,
-    /// What the thesis's method makes of the same; it may be beyond the bound.
-    thesis: Option<f64>,
+    /// What the thesis's method makes of the same, for the table; it may be beyond the bound.
+    pub thesis: Option<f64>,
     /// Why it is beyond the bound, where that is known.
     short: Option<&'static str>,
     note: String,
@@ -32,8 +32,9 @@ impl Row {
         }
     }
 
-    pub fn thesis(self, error: f64) -> Self {
-        Self { thesis: Some(error), ..self }
+    /// `error` of the thesis's method, which is computed if all cases run.
+    pub fn thesis(self, error: impl FnOnce() -> f64) -> Self {
+        Self { thesis: full().then(error), ..self }
     }
 
     /// It is known to be beyond its bound, for this reason; that it no longer is, is an error too.
