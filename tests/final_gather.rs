@@ -11,7 +11,7 @@ use common::{gpu, shipped, transfer};
 use glam::{DVec3, Vec3};
 use rayon::ThreadPoolBuilder;
 use relume::bake::{BakeSettings, DeepFramebuffer, bake};
-use relume::final_gather::{Combination, FinalGather, Refined};
+use relume::final_gather::{Combination, FinalGather, LEAST_PASSES, Refined};
 use relume::reference::path_tracer::{Half, Layer, PathTracer};
 use relume::relight::{Layers, LightChanges, Picture, Relighter, Request};
 use relume::scene::{Camera, Light, LightKind, Material, Projection, Rig, Scene};
@@ -127,6 +127,33 @@ fn mirrors_and_emitters() {
     let camera = look(DVec3::new(0.0, 0.0, 0.9), DVec3::ZERO, DVec3::Y, Projection::Perspective { yfov: 1.4 });
     let all = rig(vec![Light::emitter("panel", "panel")]);
     assert_alike("panel below a mirror", means(&TracedScene::new(build.scene()), &camera, SIDE, &all, (48, 1024)));
+}
+
+/// Slabs thinner than the first cells of surface, of a material with two sides: no light is inside, where cells of the
+/// outside must not count area.
+#[test]
+fn slabs_have_no_inside() {
+    let mut build = Build::default();
+    let grey = build.material(Material { double_sided: true, ..lambert(Vec3::splat(0.6)) });
+    for (center, size) in [
+        (DVec3::ZERO, DVec3::new(8.0, 0.1, 8.0)),
+        (DVec3::new(0.0, 1.5, -3.0), DVec3::new(8.0, 3.0, 0.1)),
+        (DVec3::new(-3.0, 1.5, 0.0), DVec3::new(0.1, 3.0, 8.0)),
+    ] {
+        let [x, y, z] = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| 0.5 * axis * size);
+        for [a, b, c] in [[x, y, z], [y, z, x], [z, x, y]] {
+            build.quad(center + a, b, c, grey).quad(center - a, c, b, grey);
+        }
+    }
+    let camera =
+        look(DVec3::new(1.0, 2.5, 6.0), DVec3::new(0.0, 0.5, 0.0), DVec3::Y, Projection::Perspective { yfov: 0.9 });
+    let sun = Light {
+        kind: LightKind::Directional,
+        direction: DVec3::new(-0.4, -0.7, -0.5).normalize(),
+        ..Light::point("sun", DVec3::ZERO)
+    };
+    let effort = (LEAST_PASSES, 512);
+    assert_alike("slabs", means(&TracedScene::new(build.scene()), &camera, 2 * SIDE, &rig(vec![sun]), effort));
 }
 
 /// Glossy walls send on what they get, many times.

@@ -28,6 +28,7 @@ use self::sources::Source;
 use self::surface_cells::SurfaceCells;
 use crate::bake::DeepFramebuffer;
 use crate::bake::framebuffer::view_samples::resolve;
+use crate::bake::transport::importance::hidden;
 use crate::physics::sequence::SharedPoints;
 use crate::scene::{Camera, Emitters, Projection, Rig};
 use crate::trace::bvh::TracedScene;
@@ -42,6 +43,8 @@ pub struct FinalGather<'a> {
     sources: Vec<Source>,
     /// Where perfect mirrors may be.
     mirrors: EmittingTriangles,
+    /// Of the front and back of each triangle whether it is the inside of a closed mesh; empty before the first pass.
+    hidden: Vec<bool>,
     /// `None` before the first pass.
     lighting: Option<Lighting>,
     /// How often cells are halved at most.
@@ -85,6 +88,8 @@ const PHOTONS_A_SAMPLE: usize = 4;
 const PHOTONS: [usize; 2] = [1 << 15, 1 << 18];
 /// Share of the photons of a pass that tell, before the first one, where light goes and how often it bounces.
 const PILOT: f64 = 1.0 / 16.0;
+/// Eye paths that tell which sides of triangles are hidden.
+const EYE_PATHS: usize = 1 << 15;
 /// Bounces of a photon, in the mean, beyond those that all photons may make: in white rooms few photons go far.
 const FURTHER_BOUNCES: f64 = 64.0;
 /// Distance of photons that a view sample takes from a mirror, in pixels, in the first passes.
@@ -117,6 +122,7 @@ impl<'a> FinalGather<'a> {
             scene,
             framebuffer,
             mirrors: EmittingTriangles::new(scene, |material| f64::from(u8::from(scene.may_mirror(material)))),
+            hidden: Vec::new(),
             lighting: None,
             most_halvings: MOST_HALVINGS,
             seed,
@@ -139,18 +145,21 @@ impl<'a> FinalGather<'a> {
         if self.lighting.as_ref().is_some_and(|lighting| lighting.wanted_halvings >= wanted) {
             return true;
         }
+        if self.hidden.is_empty() {
+            self.hidden = hidden(self.scene, self.framebuffer, self.framebuffer.asked_layers, EYE_PATHS, self.seed);
+        }
         let camera = &self.framebuffer.camera;
         let mut cells = loop {
             let halvings = wanted.min(self.most_halvings);
             let most = if halvings == 0 { usize::MAX } else { MOST_CELLS / self.sources.len().max(1) };
-            match SurfaceCells::new(self.scene, camera, halvings, &|cells| stop() || cells > most) {
+            match SurfaceCells::new(self.scene, camera, &self.hidden, halvings, &|cells| stop() || cells > most) {
                 Some(cells) => break cells,
                 None if stop() => return false,
                 None => self.most_halvings = halvings - 1,
             }
         };
         let counts = self.photon_counts(PILOT);
-        let surfaces = Surfaces { scene: self.scene, cells: &cells, mirrors: &self.mirrors };
+        let surfaces = Surfaces { scene: self.scene, cells: &cells, hidden: &self.hidden, mirrors: &self.mirrors };
         let of_half = (&counts[..], &self.photons[0][..]);
         let seed = self.seed ^ u64::from(5 + wanted) << 40;
         let mut pilot = Photons::trace(surfaces, &self.sources, of_half, self.further, seed, stop);
@@ -198,7 +207,7 @@ impl<'a> FinalGather<'a> {
         let seed = self.seed ^ (1 + half as u64) << 48;
         let counts = self.photon_counts(1.0);
         let Lighting { cells, caches, .. } = self.lighting.as_mut().expect("it is prepared");
-        let surfaces = Surfaces { scene: self.scene, cells, mirrors: &self.mirrors };
+        let surfaces = Surfaces { scene: self.scene, cells, hidden: &self.hidden, mirrors: &self.mirrors };
         let of_half = (&counts[..], &self.photons[half][..]);
         let mut photons = Photons::trace(surfaces, &self.sources, of_half, self.further, seed, stop);
         if stop() {

@@ -60,6 +60,8 @@ pub struct Landing {
 pub struct Surfaces<'a> {
     pub scene: &'a TracedScene,
     pub cells: &'a SurfaceCells,
+    /// Sides of triangles that have no cells.
+    pub hidden: &'a [bool],
     /// Where there may be perfect mirrors.
     pub mirrors: &'a EmittingTriangles,
 }
@@ -241,7 +243,7 @@ impl Photons {
 
     /// Follows power that lands on a surface and bounces.
     fn bounce(&mut self, surfaces: Surfaces, start: Start, further: f64, random: impl Fn(u32) -> [f64; 4]) {
-        let Surfaces { scene, cells, .. } = surfaces;
+        let Surfaces { scene, cells, hidden, .. } = surfaces;
         let Start { source, mut surface, mut wo, mut power, by_mirrors } = start;
         let mut is_thrown = by_mirrors;
         let mut most = MAX_GROWTH * power.max_element();
@@ -249,7 +251,7 @@ impl Photons {
             self.further_bounces += u64::from(bounce > FREE_BOUNCES);
             let is_first = bounce == 0;
             if !(by_mirrors && is_first)
-                && let Some(cell) = cells.of_landing(scene, &surface)
+                && let Some(cell) = cells.of_landing(scene, hidden, &surface)
             {
                 self.landings.push(Landing { cell, source, is_direct: is_first, power: power.as_vec3() });
             }

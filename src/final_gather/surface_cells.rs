@@ -7,6 +7,7 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::width_of_strip;
+use crate::bake::gather_samples::is_from_behind;
 use crate::scene::{Camera, Projection};
 use crate::trace::bvh::TracedScene;
 use crate::trace::surface::SurfacePoint;
@@ -69,10 +70,12 @@ const EMPTY: u64 = u64::MAX;
 
 impl SurfaceCells {
     /// Cells of which each has a 2^-`halvings`th of the width; `None` if `stop` returns true. It gets a number of cells
-    /// that there may be.
+    /// that there may be. Sides of triangles that are [`hidden`](crate::bake::transport::importance::hidden) get no
+    /// cells: within a thin closed mesh they would share those of its outside.
     pub fn new(
         scene: &TracedScene,
         camera: &Camera,
+        hidden: &[bool],
         halvings: u32,
         stop: &(dyn Fn(usize) -> bool + Sync),
     ) -> Option<Self> {
@@ -106,8 +109,9 @@ impl SurfaceCells {
                 let area = 0.5 * fan.sum::<DVec3>().length();
                 let centre = (polygon.iter().sum::<DVec3>() / polygon.len() as f64).as_vec3();
                 let piece = |normal| Piece { key: key(cube, normal), triangle: triangle as u32, normal, centre, area };
-                pieces.push(piece(normal));
-                pieces.extend(both.then(|| piece(-normal)));
+                let [front, back] = [0, 1].map(|back| !hidden[2 * triangle + back]);
+                pieces.extend(front.then(|| piece(normal)));
+                pieces.extend((both && back).then(|| piece(-normal)));
             };
             if normal != Vec3::ZERO {
                 cells.cut(Cube { level: 0, at: [0; 3] }, &corners.map(Vec3::as_dvec3), &mut add);
@@ -128,7 +132,7 @@ impl SurfaceCells {
             areas[cell][0] += area;
             areas[cell][1] += area * f64::from(normal.abs().max_element());
         }
-        let hidden = |&Piece { key, triangle, normal, centre, area }: &Piece| {
+        let covered = |&Piece { key, triangle, normal, centre, area }: &Piece| {
             let cell = cells.slots[cells.slot(key)].1;
             let width = cells.width_of(level_of(key));
             let in_layers = areas[cell as usize][1] > ONE_LAYER * f64::from(width).powi(2);
@@ -139,10 +143,10 @@ impl SurfaceCells {
             };
             (in_layers && hides()).then_some((cell, area))
         };
-        let hidden: Vec<(u32, f64)> = pieces.par_iter().filter_map(hidden).collect();
+        let covered: Vec<(u32, f64)> = pieces.par_iter().filter_map(covered).collect();
         let mut open: Vec<f64> = areas.iter().map(|[area, _]| *area).collect();
         cells.layered = vec![false; areas.len()];
-        for (cell, area) in hidden {
+        for (cell, area) in covered {
             open[cell as usize] -= area;
             cells.layered[cell as usize] = true;
         }
@@ -211,8 +215,13 @@ impl SurfaceCells {
         self.areas[cell as usize]
     }
 
-    /// The cell in which light lands; `None` where its area does not count, and by rounding on seams.
-    pub fn of_landing(&self, scene: &TracedScene, surface: &SurfacePoint) -> Option<u32> {
+    /// The cell in which light lands; `None` where its area does not count, and by rounding on seams. `hidden`: as of
+    /// the cells.
+    pub fn of_landing(&self, scene: &TracedScene, hidden: &[bool], surface: &SurfacePoint) -> Option<u32> {
+        let is_back = is_from_behind(scene, surface.triangle, -surface.geometric_normal);
+        if hidden[2 * surface.triangle as usize + usize::from(is_back)] {
+            return None;
+        }
         let (cell, level) = self.find(surface.position, surface.geometric_normal)?;
         let hides = || {
             let width = self.width_of(level);

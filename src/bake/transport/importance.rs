@@ -92,6 +92,16 @@ impl Importance {
     }
 }
 
+/// Of the front and back of each triangle whether it is hidden, by `paths` eye paths: see [`hidden_sides`].
+pub fn hidden(scene: &TracedScene, framebuffer: &DeepFramebuffer, layers: u32, paths: usize, seed: u64) -> Vec<bool> {
+    let mut visits = vec![0; 2 * scene.mesh.triangles.len()];
+    if scene.materials.iter().any(|material| material.double_sided) {
+        let traced = Tracer { paths: Paths::new(scene, layers), framebuffer, seed }.trace(paths);
+        traced.iter().flat_map(|path| &path.visits).for_each(|visit| visits[visit.side as usize] += 1);
+    }
+    hidden_sides(scene, &sides_by_facing(scene), |side| visits[side as usize])
+}
+
 struct Tracer<'a> {
     paths: Paths<'a>,
     framebuffer: &'a DeepFramebuffer,
@@ -178,9 +188,7 @@ impl Tracer<'_> {
 /// error is the sum of squares of share times width over distance. For a fixed number of samples it is minimal if the
 /// density is the square root of the sum of these squares without the width.
 fn spread(scene: &TracedScene, visits: Vec<Visit>) -> (Surfaces, f64) {
-    let mut sides = sides(scene);
-    // Keeps neighbours that face the same way together.
-    sides.sort_by_cached_key(|&(side, _)| facing(scene, side));
+    let sides = sides_by_facing(scene);
     let area: f64 = sides.iter().map(|(_, area)| area).sum();
     let least_distance = 0.25 * (area * VISITS as f64 / visits.len().max(1) as f64).sqrt() as f32;
     let need = |visit: &Visit| f64::from((visit.light / visit.distance.max(least_distance)).powi(2));
@@ -345,6 +353,13 @@ fn fill(patches: &[Visits], evenly: f64, pieces: &mut Vec<(f64, f32, Vec<Visited
         return 0.0;
     }
     fill(left, evenly, pieces) + fill(right, evenly, pieces)
+}
+
+/// [`sides`], with neighbours that face the same way together.
+fn sides_by_facing(scene: &TracedScene) -> Vec<(u32, f64)> {
+    let mut sides = sides(scene);
+    sides.sort_by_cached_key(|&(side, _)| facing(scene, side));
+    sides
 }
 
 /// The dominant axis and sign of a side's normal: one of six.
