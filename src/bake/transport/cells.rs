@@ -263,24 +263,6 @@ impl Cell {
         (!self.is_black()).then_some(self.samples[0] as usize)
     }
 
-    /// A sample drawn with a probability equal to its weight; `random` is in 0..1.
-    #[inline(always)]
-    pub fn pick(&self, random: f32) -> Option<usize> {
-        if self.is_black() {
-            return None;
-        }
-        let mut left = random;
-        let mut picked = 0;
-        for (i, &weight) in self.weights.iter().enumerate().filter(|(_, weight)| **weight > 0.0) {
-            picked = i;
-            left -= weight;
-            if left < 0.0 {
-                break;
-            }
-        }
-        Some(self.samples[picked] as usize)
-    }
-
     /// Samples and weights that are not 0.
     #[inline(always)]
     pub fn read(&self) -> impl Iterator<Item = (usize, f32)> {

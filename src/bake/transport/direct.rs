@@ -38,7 +38,7 @@ pub fn shade(scene: &TracedScene, level: &Level, light: &PackedLight) -> Vec<DVe
 }
 
 /// `project` computes k of a sample from a direction in its frame and the point's contribution to the sample's
-/// irradiance; the sample's coefficients are `first[i]..first[i + 1]`.
+/// irradiance if all of the light is seen; the sample's coefficients are `first[i]..first[i + 1]`.
 pub(in crate::bake) fn shade_with(
     scene: &TracedScene,
     samples: &GatherSamples,
@@ -64,9 +64,9 @@ pub(in crate::bake) fn shade_with(
                 continue;
             }
             let wi_l = local(&point.frame(sample), wi);
-            let irradiance = seen * arriving.irradiance * f64::from(wi_l.z) / samples.points_per_sample as f64;
+            let irradiance = arriving.irradiance * f64::from(wi_l.z) / samples.points_per_sample as f64;
             project(i, wi_l, irradiance, &mut k);
-            let irradiance = irradiance * light::color(light);
+            let irradiance = seen * irradiance * light::color(light);
             sum.iter_mut().zip(&k).for_each(|(sum, k)| *sum += irradiance * k.as_dvec3());
         }
         sum

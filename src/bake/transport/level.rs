@@ -98,22 +98,36 @@ impl Level {
         }
     }
 
-    /// Like [`Self::read`], but if samples have many functions, a single one is drawn by weight, with `random` in 0..1:
-    /// unbiased, with a third of the entries.
+    /// Like [`Self::read`], but of the samples with many functions a single one is drawn by weight, with `random` in
+    /// 0..1, for all of them: unbiased, with a third of the entries.
     #[inline(always)]
     pub fn read_few(&self, cell: &Cell, wo: Vec3, random: f32, mut read: impl FnMut(usize, f32, &[f32])) {
-        let Some(sample) = cell.pick(random) else { return };
-        let count = self.coefficients(sample).len();
-        if count < MANY_FUNCTIONS {
+        let has_many = |sample: usize| self.coefficients(sample).len() >= MANY_FUNCTIONS;
+        let many: f32 = cell.read().filter(|&(sample, _)| has_many(sample)).map(|(_, weight)| weight).sum();
+        if many == 0.0 {
             return self.read(cell, wo, |sample, weight, _, values| read(sample, weight, values));
         }
         let mut values = [0.0; MAX_FUNCTIONS];
-        Harmonics::get().evaluate(local(&self.frames[sample], wo), &mut values[..count]);
-        read(sample, 1.0, &values[..count]);
+        let mut read = |sample: usize, weight| {
+            let count = self.coefficients(sample).len();
+            Harmonics::get().evaluate(local(&self.frames[sample], wo), &mut values[..count]);
+            read(sample, weight, &values[..count]);
+        };
+        let mut left = random * many;
+        let mut drawn = None;
+        for (sample, weight) in cell.read() {
+            if !has_many(sample) {
+                read(sample, weight);
+            } else if left >= 0.0 {
+                drawn = Some(sample);
+                left -= weight;
+            }
+        }
+        read(drawn.expect("there is one with many"), many);
     }
 }
 
-/// Number of functions from which on a row reads one sample instead of all neighbours.
+/// Number of functions from which on a row reads one sample instead of all neighbours like it.
 const MANY_FUNCTIONS: usize = 9;
 /// The first function: the square root of 1/pi.
 pub const CONSTANT: f32 = 0.564_189_6;
