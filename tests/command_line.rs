@@ -315,6 +315,29 @@ fn write_rig(folder: &Path, scene: &Path, name: &str, stops: f64) -> std::path::
     path
 }
 
+/// Edges of the lights of all rigs get samples, whichever comes first.
+#[test]
+fn rigs_have_their_shadow_edges() {
+    let folder = folder();
+    let rig = |name: &str, x: f64| {
+        let light = format!("[[light]]\nname = \"l\"\nkind = \"point\"\nposition = [{x}, 2.0, 0.5]\nintensity = 20\n");
+        let path = folder.path().join(format!("{name}.toml"));
+        fs::write(&path, light).unwrap();
+        path
+    };
+    let [left, right] = [rig("left", -1.0), rig("right", 1.0)];
+    let pictures = ["a", "b"].map(|name| folder.path().join(name));
+    for (pictures, [first, second]) in pictures.iter().zip([[&left, &right], [&right, &left]]) {
+        let out = pictures.join("{rig}.exr");
+        render!(shipped("balls-2.glb"), out, "--samples", "4", "--rig", first, "--rig", second).silent();
+    }
+    let [one, other] =
+        pictures.map(|folder| ["left", "right"].map(|rig| fs::read(folder.join(rig).with_extension("exr"))));
+    for (one, other) in one.into_iter().zip(other) {
+        assert!(one.unwrap() == other.unwrap());
+    }
+}
+
 #[test]
 fn rigs_share_one_exposure() {
     let folder = folder();

@@ -7,7 +7,7 @@ use clap::ValueEnum;
 use relume::gpu::Validation;
 use relume::image::display_view::DisplayConfig;
 use relume::relight::{RelightSettings, ToneMap, VisibilityMethod};
-use relume::scene::Scene;
+use relume::scene::{Light, Scene};
 use relume::session::{OpenSettings, Target, check_size, user_cache_dir};
 use relume::view::PictureSettings;
 use relume::{Error, Result, Session, SessionSettings};
@@ -316,13 +316,26 @@ impl SceneOptions {
             cache_dir: self.cache.dir(),
             indirect: self.transfer.settings()?,
             target: None,
+            other_lights: Vec::new(),
         })
     }
 
     /// Opens and bakes all of a scene, for pictures on `target`.
     pub fn open(&self, path: &Path, rig: Option<&Path>, target: Option<Target>) -> Result<Session> {
+        self.open_for(path, rig, Vec::new(), target)
+    }
+
+    /// The same for pictures of other lights too.
+    pub fn open_for(
+        &self,
+        path: &Path,
+        rig: Option<&Path>,
+        other_lights: Vec<Light>,
+        target: Option<Target>,
+    ) -> Result<Session> {
         self.view.use_threads();
-        Session::open(path, rig, &SessionSettings { target, ..self.settings()? }, &Terminal::default())
+        let settings = SessionSettings { target, other_lights, ..self.settings()? };
+        Session::open(path, rig, &settings, &Terminal::default())
     }
 
     /// Opens and bakes all but indirect light.

@@ -139,7 +139,9 @@ fn render(args: &Args, display: &mut Display) -> Result<()> {
     let rigs = args.rig.iter().map(|path| Rig::load(path)).collect::<Result<Vec<_>>>()?;
     args.refine.check(args.scene_options.settings()?.indirect.as_ref())?;
     let target = args.light_options.target(&args.scene_options.cache)?;
-    let mut session = args.scene_options.open(&args.scene, args.rig.first().map(PathBuf::as_path), Some(target))?;
+    let others = rigs.iter().skip(1).flat_map(|rig| rig.lights.iter().cloned()).collect();
+    let first = args.rig.first().map(PathBuf::as_path);
+    let mut session = args.scene_options.open_for(&args.scene, first, others, Some(target))?;
     let emitters = Emitters::of(&session.scene);
     let camera = &session.framebuffer.camera.name;
     let of_shot = |(rig, path): (&Rig, &PathBuf)| {

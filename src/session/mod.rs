@@ -43,7 +43,7 @@ use crate::bake::{BakeSettings, DeepFramebuffer, at_rest, bake, cache, low_prior
 use crate::error::{Error, Result};
 use crate::gpu::{Context, Validation};
 use crate::relight::{RelightSettings, Relighter, choose_device};
-use crate::scene::{Camera, Rig, Scene};
+use crate::scene::{Camera, Light, Rig, Scene};
 use crate::trace::bvh::TracedScene;
 
 /// What a session bakes.
@@ -64,6 +64,8 @@ pub struct SessionSettings {
     pub indirect: Option<IndirectSettings>,
     /// What the pictures are to be made on: what cannot fit there is refused before it is baked. `None`: not asked.
     pub target: Option<Target>,
+    /// Lights that will be shown besides those of the rig: their edges get samples too, and the sky if one is a dome.
+    pub other_lights: Vec<Light>,
 }
 
 impl Default for SessionSettings {
@@ -77,6 +79,7 @@ impl Default for SessionSettings {
             cache_dir: user_cache_dir(),
             indirect: Some(IndirectSettings::default()),
             target: None,
+            other_lights: Vec::new(),
         }
     }
 }
@@ -427,11 +430,13 @@ impl Session {
         };
         fits(&FramebufferCounts::fewest([width, height]))?;
         let of_framebuffer = BakeSettings { width, height, layers, samples };
+        let mut baked_for = rig.clone();
+        baked_for.lights.extend_from_slice(&settings.other_lights);
         let cache_dir = &settings.cache_dir;
         report.cached = true; // until something is made
         let framebuffer =
             |settings: &BakeSettings, report: &mut BakeReport| -> Result<(cache::Inputs, DeepFramebuffer)> {
-                let inputs = cache::Inputs::of(&scene, &camera, &rig, settings);
+                let inputs = cache::Inputs::of(&scene, &camera, &baked_for, settings);
                 let key = inputs.key();
                 let stored = cache_dir
                     .as_deref()
@@ -447,7 +452,7 @@ impl Session {
                 report.because = report.because.take().or(because);
                 let passes = if settings.samples > 1 { 2 } else { 1 };
                 progress.begin("deep framebuffer", passes * settings.tile_count());
-                let make = || bake(&scene, &camera, &rig, settings, &advance(progress));
+                let make = || bake(&scene, &camera, &baked_for, settings, &advance(progress));
                 let framebuffer = until_cancelled(|| Ok(report.stage("deep framebuffer", make)))?;
                 progress.end();
                 if let Some(dir) = cache_dir
@@ -472,7 +477,7 @@ impl Session {
             key if plain.is_none() && settings.force_all => cache::transfer_key(&key, &"nothing left out"),
             key => key,
         };
-        let sky = rig.has_domes();
+        let sky = baked_for.has_domes();
         let transfers = plan.map(|plan| Transfers {
             plan,
             inputs: plain_inputs,
