@@ -85,7 +85,13 @@ pub fn run(args: &Args) -> Result<()> {
         shots.extend(shots_of(path, &args.cameras, bake_rig_path, &options)?);
     }
     check_names(shots.iter().map(|shot| shot.name.clone()), "scenes and cameras", "shots")?;
-    let template = template(args, &options.view, &shots, &rigs, bake_rig_path);
+    for (what, count, most) in [("shots", shots.len(), MAX_SHOTS), ("rigs", rigs.len(), MAX_RIGS)] {
+        if count > most {
+            let reason = format!("a job can have {most} {what}, not {count}: write several jobs");
+            return Err(Error::invalid("farm", reason));
+        }
+    }
+    let template = template(args, &options.view, &shots, &rigs);
     std::fs::create_dir_all(&args.output).map_err(Error::io("create", &args.output))?;
     let path = args.output.join("template.json");
     write_json(&path, &template)?;
@@ -165,8 +171,11 @@ fn task_count(args: &Args, shots: &[Shot]) -> usize {
     shots.len() * (4 + usize::from(args.report.is_some()) + usize::from(args.parts))
 }
 
-fn template(args: &Args, view: &ViewOptions, shots: &[Shot], rigs: &[(String, Rig)], bake_rig: Option<&str>) -> Value {
-    let bake_rig: Vec<&str> = bake_rig.iter().flat_map(|rig| ["--rig", rig]).collect();
+fn template(args: &Args, view: &ViewOptions, shots: &[Shot], rigs: &[(String, Rig)]) -> Value {
+    // Farms map parameters that are paths to where workers have them.
+    let references: Vec<String> = (1..=rigs.len()).map(rig_reference).collect();
+    let bake_rig = rigs.iter().position(|(_, rig)| rig.has_domes());
+    let bake_rig: Vec<&str> = bake_rig.iter().flat_map(|&index| ["--rig", &references[index]]).collect();
     let part = format!("{{{{Task.Param.Part}}}}/{}", args.parts);
     let bake = |own: &[&str]| -> Vec<String> {
         let own = bake_rig.iter().chain(own).map(|text| (*text).to_owned());
@@ -177,7 +186,7 @@ fn template(args: &Args, view: &ViewOptions, shots: &[Shot], rigs: &[(String, Ri
         // relume itself puts the rig's name there.
         _ => "{{Param.Pictures}}/{{Task.Param.Shot}}.{rig}.exr",
     };
-    let picture_rigs = rigs.iter().flat_map(|(path, _)| ["--rig", path]);
+    let picture_rigs = references.iter().flat_map(|rig| ["--rig", rig]);
     let render = picture_rigs.chain(["-o", picture]).map(str::to_owned);
     let render = args.options.iter().cloned().chain(render).collect();
     let seconds = shots.iter().map(|shot| shot.seconds).fold(0.0, f64::max);
@@ -193,14 +202,14 @@ fn template(args: &Args, view: &ViewOptions, shots: &[Shot], rigs: &[(String, Ri
         Step::new("Pictures", "render", render, "Renders a shot under all lights.").after("Join"),
     ];
     if let Some(report) = args.report {
-        let first = rigs.first().map(|(path, _)| ["--rig", path]);
+        let first = references.first().map(|rig| ["--rig", rig]);
         let output = ["-o", "{{Param.Reports}}/{{Task.Param.Shot}}"];
         let quick = (report == Report::Quick).then_some("--quick");
         let own = quick.into_iter().chain(first.into_iter().flatten()).chain(output).map(str::to_owned);
         let arguments = view.arguments().into_iter().chain(own).collect();
         steps.push(Step::new("Report", "report", arguments, "Compares settings for a shot.").after("Plan"));
     }
-    let steps: Vec<Value> = steps.iter().map(|step| step.template(args, shots)).collect();
+    let steps: Vec<Value> = steps.iter().map(|step| step.template(args, shots, rigs)).collect();
     let mut template = json!({
         "specificationVersion": "jobtemplate-2023-09",
         "name": format!("relume {}", shots[0].name).chars().take(128).collect::<String>(),
@@ -255,7 +264,7 @@ impl Step {
         Self { seconds: Some(seconds), ..self }
     }
 
-    fn template(&self, args: &Args, shots: &[Shot]) -> Value {
+    fn template(&self, args: &Args, shots: &[Shot], rigs: &[(String, Rig)]) -> Value {
         let mut parameters = vec![
             json!({ "name": "Scene", "type": "PATH", "range": list(shots, |shot| &shot.scene) }),
             json!({ "name": "Camera", "type": "STRING", "range": list(shots, |shot| &shot.camera) }),
@@ -265,6 +274,12 @@ impl Step {
         if self.arguments.iter().any(|argument| argument.contains("Task.Param.Part")) {
             parameters.push(json!({ "name": "Part", "type": "INT", "range": format!("1-{}", args.parts) }));
             combination += " * Part";
+        }
+        for (number, (path, _)) in
+            (1..).zip(rigs).filter(|(number, _)| self.arguments.contains(&rig_reference(*number)))
+        {
+            parameters.push(json!({ "name": format!("Rig{number}"), "type": "PATH", "range": [path] }));
+            combination += &format!(" * Rig{number}");
         }
         let threads = args.threads.to_string();
         let place = ["--camera={{Task.Param.Camera}}", "--cache", "{{Param.Cache}}", "--threads", &threads];
@@ -294,6 +309,15 @@ impl Step {
     }
 }
 
+/// The path of a rig in arguments, counted from 1.
+fn rig_reference(number: usize) -> String {
+    format!("{{{{Task.Param.Rig{number}}}}}")
+}
+
+/// Values of a task's parameter. A task has at most 16 parameters, of which four are others
+/// (Open Job Description 2023-09, TaskParameterDefinition).
+const MAX_SHOTS: usize = 1024;
+const MAX_RIGS: usize = 12;
 /// What the steps take of a whole bake at most, in the measured scenes (docs/farm.md).
 const SHARED_SHARE: f64 = 0.25;
 const PARTS_SHARE: f64 = 1.2;
