@@ -247,7 +247,7 @@ fn mirrors_throw_light_of_emitters() {
     build.quad(DVec3::new(0.0, 1.5, 0.0), DVec3::X * 0.3, DVec3::Z * 0.3, shiny);
     build.quad(DVec3::new(0.3, 0.7, 0.0), DVec3::X * 0.1, DVec3::NEG_Z * 0.1, panel);
     let camera = look(DVec3::new(0.0, 0.6, 1.6), DVec3::ZERO, DVec3::Y, Projection::Perspective { yfov: 0.7 });
-    let (error, bias) = differences(&beside_the_path_tracer(build, &camera, 100, 1024), 8);
+    let (error, bias) = differences(&beside_the_path_tracer(build, &camera, 100, 8192), 8);
     assert!(error < 0.03 && bias.abs() < 0.02, "off by {error}, {bias:+}");
 }
 

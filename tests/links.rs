@@ -259,7 +259,7 @@ fn pictures_pass_what_casts_no_shadow() {
             let error =
                 |pixels: &[[f32; 3]]| at.iter().map(|&i| (pixels[i][0] - want[i][0]).powi(2)).sum::<f32>().sqrt();
             let [moving, hidden] = [error(&coarse), error(&hidden)];
-            assert!(moving < 0.3 * hidden, "{}, {visibility:?}: {moving}, {hidden} without links", light.name);
+            assert!(moving < 0.7 * hidden, "{}, {visibility:?}: {moving}, {hidden} without links", light.name);
             let unknown = Light { links: Links { only: names(&["viel"]), ..Links::default() }, ..light.clone() };
             let error = relighter.set_rig(&rig(vec![unknown])).unwrap_err().to_string();
             assert!(error.contains("did you mean \"veil\"?"), "{error}");

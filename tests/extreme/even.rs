@@ -123,7 +123,7 @@ impl Errors {
             None => row,
         };
         let mut rows = vec![
-            Row { thesis: self.thesis, ..Row::new(case, asked, 1e-3, self.ours) },
+            Row::new(case, asked, 1e-3, self.ours).thesis(|| self.thesis.expect("it was computed")),
             Row::new(case, compressed, self.noise + COMPRESSION, self.compressed),
         ];
         if let Some(NoisyErrors { gathered, traced, refined }) = self.noisy {

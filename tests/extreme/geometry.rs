@@ -135,7 +135,7 @@ fn parallel_plates() {
         let lit = stage.lit();
         let seen = transfer.apply(&[emission], &lit, Lobe::All, &|_| ()).remove(0);
         let most = largest(seen.iter().map(|p| p.x));
-        assert!(most > 0.0, "no light comes back");
+        assert!(most > 0.0, "no light comes back from plates {gap:.0e} apart");
         let asked = "no pixel above ρ/(1-ρ)";
         rows.push(Row::new(
             format!("plates {gap:.0e} of their size apart"),

@@ -12,7 +12,7 @@ pub struct Row {
     bound: f64,
     robust: f64,
     /// What the thesis's method makes of the same, for the table; it may be beyond the bound.
-    pub thesis: Option<f64>,
+    thesis: Option<f64>,
     /// Why it is beyond the bound, where that is known.
     short: Option<&'static str>,
     note: String,
