@@ -218,7 +218,8 @@ fn a_line_that_does_not_end_is_refused() {
     let (client, _) = Client::opened(&serve.file, "");
     let mut stream = client.stream.try_clone().unwrap();
     let chunk = vec![b'['; 1 << 20];
-    assert!((0..64).any(|_| stream.write_all(&chunk).is_err()), "64 MiB without an end were read");
+    // What comes before the connection is closed is read and thrown away.
+    assert!((0..1 << 16).any(|_| stream.write_all(&chunk).is_err()), "64 GiB without an end were read");
     drop(client);
     is_well(&serve);
 }
