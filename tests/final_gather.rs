@@ -14,7 +14,7 @@ use relume::bake::{BakeSettings, DeepFramebuffer, bake};
 use relume::final_gather::{Combination, FinalGather, LEAST_PASSES, Refined};
 use relume::reference::path_tracer::{Half, Layer, PathTracer};
 use relume::relight::{Layers, LightChanges, Picture, Relighter, Request};
-use relume::scene::{Camera, Light, LightKind, Material, Projection, Rig, Scene};
+use relume::scene::{AlphaMode, Camera, Light, LightKind, Material, Projection, Rig, Scene};
 use relume::trace::bvh::TracedScene;
 
 const SIDE: u32 = 24;
@@ -154,6 +154,41 @@ fn slabs_have_no_inside() {
     };
     let effort = (LEAST_PASSES, 512);
     assert_alike("slabs", means(&TracedScene::new(build.scene()), &camera, 2 * SIDE, &rig(vec![sun]), effort));
+}
+
+/// A room twice in the same place, where rays find one object or the other.
+#[test]
+fn objects_in_one_place() {
+    let mut build = Build::default();
+    let grey = build.material(lambert(Vec3::splat(0.7)));
+    build.room(DVec3::ZERO, 1.0, grey).room(DVec3::ZERO, 1.0, grey);
+    let mut scene = build.scene();
+    let half = scene.mesh.triangles.len() / 2;
+    scene.mesh.triangle_objects = (0..2 * half).map(|i| u32::from(i >= half)).collect();
+    scene.objects.push(scene.objects[0].clone());
+    assert_alike("a room twice", means(&TracedScene::new(scene), &into_a_corner(), 2 * SIDE, &lamp(), (8, 512)));
+}
+
+/// A curtain that lets half of the light through, between the lamp and the eye.
+#[test]
+fn surfaces_that_stop_half_of_the_light() {
+    let mut build = Build::default();
+    let grey = build.material(lambert(Vec3::splat(0.7)));
+    let veil = Material { alpha_mode: AlphaMode::Blend, double_sided: true, ..lambert(Vec3::splat(0.9)) };
+    let veil = build.material(Material { base_color: veil.base_color.with_w(0.5), ..veil });
+    build.room(DVec3::ZERO, 1.0, grey);
+    for x in [0.3, 0.4, 0.5] {
+        build.quad(DVec3::X * x, DVec3::Y, DVec3::Z, veil);
+    }
+    assert_alike("veils", means(&TracedScene::new(build.scene()), &into_a_corner(), 2 * SIDE, &lamp(), (8, 512)));
+}
+
+fn lamp() -> Rig {
+    rig(vec![Light::point("lamp", DVec3::new(0.2, 0.4, 0.3))])
+}
+
+fn into_a_corner() -> Camera {
+    look(DVec3::new(0.9, 0.0, 0.9), DVec3::ZERO, DVec3::Y, Projection::Perspective { yfov: 1.4 })
 }
 
 /// Glossy walls send on what they get, many times.

@@ -17,7 +17,7 @@ use super::balance::Found;
 use super::bounds::Bounds;
 use super::irradiance_cache::IrradianceCache;
 use super::photons::{LitPoint, Sent};
-use super::sources::Source;
+use super::sources::{MAX_SOLID_ANGLE, Source};
 use super::surface_cells::SurfaceCells;
 use crate::bake::DeepFramebuffer;
 use crate::bake::brdf_factors::HarmonicProjection;
@@ -25,9 +25,10 @@ use crate::bake::transport::directions::Lobe;
 use crate::bake::transport::fan::Fan;
 use crate::physics::brdf::{self, Lobes};
 use crate::physics::octahedral;
-use crate::physics::sequence::{Points, SharedPoints};
+use crate::physics::sequence::{GOLDEN_RATIO, Points, SharedPoints};
 use crate::shared::{Brdf, LIGHT_FACET, NO_BRDF, PackedLight};
 use crate::trace::bvh::{Hit, TracedScene};
+use crate::trace::light_surface::ArrivingLight;
 use crate::trace::packet::common_origin::trace_common_origin;
 use crate::trace::packet::{PACKET_SIZE, SamplePacket, trace_packets};
 use crate::trace::photon_map::PhotonMap;
@@ -178,7 +179,8 @@ impl Pass<'_> {
             bounds.potential(&self.sources[lit.source as usize], &lit.surface, lit.light) / lit.density
         };
         // The normalization must not depend on the chosen points, so other candidates estimate it.
-        let total: f64 = (0..count).map(|i| weight(candidate(i, offset + 0.5))).sum();
+        let elsewhere = |i: usize| (offset + 0.5 + i as f64 * GOLDEN_RATIO).fract();
+        let total: f64 = (0..count).map(|i| weight(candidate(i, elsewhere(i)))).sum();
         if total <= 0.0 {
             return bounds;
         }
@@ -263,13 +265,11 @@ impl Pass<'_> {
                         found.connections = bounds.connections(source, surface, light);
                     }
                     let normal = surface.normal.as_dvec3();
-                    let lobes = point.emitting.and_then(|emitting| {
-                        Some((emitting, Lobes::of_specular_lobe(&surface.brdf, normal, vertex.wo)?))
-                    });
+                    let solid_angle = source.solid_angle(&point, surface.position, arriving.wi);
+                    let lobes = Lobes::of_specular_lobe(&surface.brdf, normal, vertex.wo).filter(|_| solid_angle > 0.0);
                     let reflected = match lobes {
-                        Some((emitting, lobes)) => {
-                            let goes_on = vertex.goes_on * emitting.solid_angle(surface.position);
-                            found.reflected(lobes.at(arriving.wi), goes_on, Found::by_point)
+                        Some(lobes) => {
+                            found.reflected(lobes.at(arriving.wi), vertex.goes_on * solid_angle, Found::by_point)
                         }
                         None => brdf::reflected(&surface.brdf, normal, arriving.wi, vertex.wo) * found.by_point(),
                     };
@@ -291,7 +291,7 @@ impl Pass<'_> {
                 // All that shines is seen where a ray hits.
                 Sent::Emitted => 1.0,
                 Sent::Reflected { .. } => {
-                    let cell = self.cells.of_place(lit.surface.position, lit.surface.geometric_normal);
+                    let cell = self.cells.of_place(self.scene, &lit.surface);
                     self.chances(cell).nth(lit.source as usize).expect("of each source")
                 }
             };
@@ -414,7 +414,7 @@ impl<R: Fn(u32) -> [f64; 4]> Walk<'_, R> {
                 return;
             }
             let [choice, u, v, survival] = (self.random)(number);
-            let cell = cells.of_place(surface.position, surface.geometric_normal);
+            let cell = cells.of_place(scene, &surface);
             let specular = brdf::specular_reflectance(&surface.brdf, cosine);
             let further = if number == FREE_SURFACES { FURTHER } else { 1.0 };
             let goes_on = specular.max_element().min(MAX_SURVIVAL) * further;
@@ -452,15 +452,19 @@ impl<R: Fn(u32) -> [f64; 4]> Walk<'_, R> {
             density = None;
             let origin = off(scene, surface.position, surface.geometric_normal, direction, hit.distance);
             let next = scene.closest_hit(origin, direction, f32::INFINITY);
-            if !surface.brdf.has_lobe() {
-                // Shadow rays find no lights in a perfect mirror. Photons bring small ones.
-                let end = next.map_or(f32::INFINITY, |hit| hit.distance);
-                let looked_for = |source: &Source| !(is_straight && source.is_small(scene));
-                for (index, source) in sources.iter().enumerate().filter(|(_, source)| looked_for(source)) {
-                    if let Some(radiance) = source.seen(scene, surface.triangle, [origin, direction], end) {
-                        self.sums[index * PACKET_SIZE + self.lane] += weight * radiance;
-                    }
-                }
+            let end = next.map_or(f32::INFINITY, |hit| hit.distance);
+            // Shadow rays find no lights in a perfect mirror. Photons bring small ones.
+            let looked_for = |source: &Source| !(is_straight && source.is_small(scene));
+            for (index, source) in sources.iter().enumerate().filter(|(_, source)| looked_for(source)) {
+                let Some(ArrivingLight { radiance, density }) =
+                    source.seen(scene, surface.triangle, [origin, direction], end)
+                else {
+                    continue;
+                };
+                let solid_angle = density.recip().min(MAX_SOLID_ANGLE);
+                let share =
+                    last.as_ref().map_or(1.0, |last| self.share_of_lobe(index, last, direction, radiance, solid_angle));
+                self.sums[index * PACKET_SIZE + self.lane] += weight * radiance * share;
             }
             let Some(next) = next else { return };
             hit = next;
@@ -477,8 +481,8 @@ impl<R: Fn(u32) -> [f64; 4]> Walk<'_, R> {
         }
     }
 
-    /// Light of emitters that the specular lobe of the last surface found, and points on emitters could have.
-    /// `by_distance`: cosine of the direction at the emitter over squared distance.
+    /// Light of emitters that the specular lobe of the last surface found. `by_distance`: cosine of the direction at the
+    /// emitter over squared distance.
     fn emission_by_lobe(
         &mut self,
         surface: &SurfacePoint,
@@ -490,13 +494,21 @@ impl<R: Fn(u32) -> [f64; 4]> Walk<'_, R> {
         let pass = self.pass;
         let radiance = surface.emission.as_dvec3();
         for (index, source) in pass.sources.iter().enumerate().filter(|(_, source)| source.emits(surface.material)) {
-            let by_area = by_distance / source.point_density(pass.scene, surface.material);
-            let chance = pass.chances(last.cell).nth(index).expect("of each source");
-            let light = Sent::Reflected { wi: direction.as_dvec3(), irradiance: radiance * by_area };
-            let connections = last.rays.map_or(0.0, |_| self.bounds.connections(source, &last.surface, light));
-            let found = Found { rays: last.rays, chance, by_lobe: last.density * by_area, connections };
-            self.sums[index * PACKET_SIZE + self.lane] += weight * radiance * found.by_lobe();
+            let solid_angle = by_distance / source.point_density(pass.scene, surface.material);
+            let share = self.share_of_lobe(index, last, direction, radiance, solid_angle);
+            self.sums[index * PACKET_SIZE + self.lane] += weight * radiance * share;
         }
+    }
+
+    /// Weight of light that the specular lobe of the last surface found, and points of its source could have, each of
+    /// which stands for a `solid_angle` there.
+    fn share_of_lobe(&self, index: usize, last: &Last, direction: Vec3, radiance: DVec3, solid_angle: f64) -> f64 {
+        let pass = self.pass;
+        let chance = pass.chances(last.cell).nth(index).expect("of each source");
+        let light = Sent::Reflected { wi: direction.as_dvec3(), irradiance: radiance * solid_angle };
+        let connections =
+            last.rays.map_or(0.0, |_| self.bounds.connections(&pass.sources[index], &last.surface, light));
+        Found { rays: last.rays, chance, by_lobe: last.density * solid_angle, connections }.by_lobe()
     }
 
     fn vertex(

@@ -29,7 +29,7 @@ use self::surface_cells::SurfaceCells;
 use crate::bake::DeepFramebuffer;
 use crate::bake::framebuffer::view_samples::resolve;
 use crate::bake::transport::importance::hidden;
-use crate::physics::sequence::SharedPoints;
+use crate::physics::sequence::{SharedPoints, mix};
 use crate::scene::{Camera, Emitters, Projection, Rig};
 use crate::trace::bvh::TracedScene;
 use crate::trace::emitting_triangles::EmittingTriangles;
@@ -68,8 +68,7 @@ pub struct FinalGather<'a> {
 /// What photons carry, in two independent halves.
 struct Lighting {
     cells: SurfaceCells,
-    /// If there were room for them.
-    wanted_halvings: u32,
+    halvings: u32,
     caches: [IrradianceCache; 2],
 }
 
@@ -125,7 +124,8 @@ impl<'a> FinalGather<'a> {
             hidden: Vec::new(),
             lighting: None,
             most_halvings: MOST_HALVINGS,
-            seed,
+            // Others add numbers to it.
+            seed: mix(seed),
             others,
             passes: 0,
             photons: [0, 1].map(|_| vec![0; sources.len()]),
@@ -141,19 +141,23 @@ impl<'a> FinalGather<'a> {
     /// there are any: not if `stop` returns true.
     fn prepare(&mut self, stop: &(dyn Fn() -> bool + Sync)) -> bool {
         // A halving takes 4 times the photons to fill the cells.
-        let wanted = (self.others.saturating_add(self.passes).max(1).ilog2() / 2).min(MOST_HALVINGS);
-        if self.lighting.as_ref().is_some_and(|lighting| lighting.wanted_halvings >= wanted) {
+        let wanted = self.others.saturating_add(self.passes).max(1).ilog2() / 2;
+        let is_as_wanted = |lighting: &Lighting| lighting.halvings >= wanted.min(self.most_halvings);
+        if self.lighting.as_ref().is_some_and(is_as_wanted) {
             return true;
         }
         if self.hidden.is_empty() {
             self.hidden = hidden(self.scene, self.framebuffer, self.framebuffer.asked_layers, EYE_PATHS, self.seed);
         }
         let camera = &self.framebuffer.camera;
-        let mut cells = loop {
+        let (mut cells, halvings) = loop {
             let halvings = wanted.min(self.most_halvings);
+            if self.lighting.as_ref().is_some_and(|lighting| lighting.halvings == halvings) {
+                return true;
+            }
             let most = if halvings == 0 { usize::MAX } else { MOST_CELLS / self.sources.len().max(1) };
             match SurfaceCells::new(self.scene, camera, &self.hidden, halvings, &|cells| stop() || cells > most) {
-                Some(cells) => break cells,
+                Some(cells) => break (cells, halvings),
                 None if stop() => return false,
                 None => self.most_halvings = halvings - 1,
             }
@@ -161,19 +165,19 @@ impl<'a> FinalGather<'a> {
         let counts = self.photon_counts(PILOT);
         let surfaces = Surfaces { scene: self.scene, cells: &cells, hidden: &self.hidden, mirrors: &self.mirrors };
         let of_half = (&counts[..], &self.photons[0][..]);
-        let seed = self.seed ^ u64::from(5 + wanted) << 40;
+        let seed = self.seed ^ u64::from(5 + halvings) << 40;
         let mut pilot = Photons::trace(surfaces, &self.sources, of_half, self.further, seed, stop);
         if stop() {
             return false;
         }
         // Photons that fill the cells until the next ones are prepared, relative to those of the pilot.
-        let ratio = f64::from(3 << (2 * wanted)) / 2.0 / PILOT;
+        let ratio = f64::from(3 << (2 * halvings)) / 2.0 / PILOT;
         let joined = cells.join(pilot.reflected().map(|landing| landing.cell), ratio);
         pilot.landings.iter_mut().for_each(|landing| landing.cell = joined[landing.cell as usize]);
         let mut caches = [0, 1].map(|_| IrradianceCache::new(&cells, self.sources.len()));
         caches.iter_mut().for_each(|cache| cache.add_direct(&cells, &pilot.landings));
         self.learn(&counts, &pilot);
-        self.lighting = Some(Lighting { cells, wanted_halvings: wanted, caches });
+        self.lighting = Some(Lighting { cells, halvings, caches });
         true
     }
 

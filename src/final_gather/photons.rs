@@ -23,7 +23,7 @@ pub struct LitPoint {
     pub light: Sent,
     /// Points like this by area, 1 / area in mesh space.
     pub density: f64,
-    /// Solid angle that the point of an emitter stands for which shines on it; 0 of other sources.
+    /// Solid angle that the point of the source stands for which shines on it; 0 if rays do not find the source.
     pub solid_angle: f64,
     /// Z-order index of the place on the source; of the direction, if it has no size.
     order: u32,
@@ -203,7 +203,7 @@ impl Photons {
                 surface,
                 light: Sent::Reflected { wi: arriving.wi, irradiance: arriving.irradiance },
                 density: across * facing.max(cosine / MAX_TILT),
-                solid_angle: from.emitting.map_or(0.0, |emitting| emitting.solid_angle(surface.position)),
+                solid_angle: source.solid_angle(&from, surface.position, arriving.wi),
                 order,
             });
             let start = Start { source: index, surface, wo, power, by_mirrors: false };

@@ -13,7 +13,7 @@ use crate::scene::{Emitters, Light, LightKind, ResolvedLinks, Rig};
 use crate::shared::{LIGHT_DIRECTIONAL, LIGHT_FACET, LIGHT_TWO_SIDED_FACET, PackedLight};
 use crate::trace::bvh::{Hit, TracedScene, passes_by_chance};
 use crate::trace::emitting_triangles::EmittingTriangles;
-use crate::trace::light_surface::{LightInScene, LightSurface};
+use crate::trace::light_surface::{ArrivingLight, LightInScene, LightSurface};
 use crate::trace::linked::LinkedScene;
 use crate::trace::surface::SurfacePoint;
 
@@ -54,7 +54,7 @@ pub struct EmittingPoint {
 
 impl EmittingPoint {
     /// Solid angle that each drawn point stands for, as seen from a place; 0 from behind.
-    pub fn solid_angle(&self, place: Vec3) -> f64 {
+    fn solid_angle(&self, place: Vec3) -> f64 {
         let between = place.as_dvec3() - self.surface.position.as_dvec3();
         let distance2 = between.length_squared();
         let cosine = self.surface.geometric_normal.as_dvec3().dot(between) / distance2.sqrt();
@@ -187,12 +187,24 @@ impl Source {
         (irradiance != DVec3::ZERO).then_some(Arriving { wi: arriving.wi, irradiance })
     }
 
-    /// Radiance of an area light along a ray from the surface of a triangle, of which the next one is at `end`.
-    pub fn seen(&self, scene: &TracedScene, triangle: u32, ray: [Vec3; 2], end: f32) -> Option<DVec3> {
+    /// Solid angle that each drawn point stands for, as seen from a place in direction `wi`; 0 if rays do not find it.
+    pub fn solid_angle(&self, point: &SourcePoint, place: Vec3, wi: DVec3) -> f64 {
+        match (&point.emitting, &self.surface) {
+            (Some(emitting), _) => emitting.solid_angle(place),
+            (None, Some(surface)) => {
+                let distance = point.packed.position.as_dvec3().distance(place.as_dvec3());
+                surface.density(&point.packed, wi, distance).recip().min(MAX_SOLID_ANGLE)
+            }
+            (None, None) => 0.0,
+        }
+    }
+
+    /// Light of an area light along a ray from the surface of a triangle, of which the next one is at `end`.
+    pub fn seen(&self, scene: &TracedScene, triangle: u32, ray: [Vec3; 2], end: f32) -> Option<ArrivingLight> {
         let surface = self.surface.as_ref()?;
         let scene = self.linked(scene);
         let light = LightInScene { light: &self.settings, surface, filter: self.filter.as_ref(), scene };
-        light.arriving(triangle, ray, Some(end)).map(|arriving| arriving.radiance)
+        light.arriving(triangle, ray, Some(end))
     }
 
     /// The surfaces that the light on a ray meets: up to the first that stops it.
@@ -214,6 +226,8 @@ impl Source {
     }
 }
 
+/// Finite where a point is never drawn.
+pub const MAX_SOLID_ANGLE: f64 = 1e30;
 /// Radius of small lights, relative to the scene's; of suns half the angle, in radians.
 const SMALL: f64 = 0.05;
 /// Surfaces that light of one ray reaches, if none casts shadows.

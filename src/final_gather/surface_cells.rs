@@ -1,15 +1,15 @@
-//! Cells of surface: places in one leaf of an octree that face the same way [Binder 2019].
+//! Cells of surface: places of an object in one leaf of an octree that face the same way [Binder 2019].
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use glam::{DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::width_of_strip;
 use crate::bake::gather_samples::is_from_behind;
 use crate::scene::{Camera, Projection};
-use crate::trace::bvh::TracedScene;
+use crate::trace::bvh::{TracedScene, coverage};
 use crate::trace::surface::SurfacePoint;
 
 /// All surfaces of a scene in cells whose width grows with the distance from the eye.
@@ -35,10 +35,19 @@ pub struct SurfaceCells {
 struct Piece {
     key: u64,
     triangle: u32,
-    /// Unit, on the side of the cell.
-    normal: Vec3,
-    centre: Vec3,
-    area: f64,
+    /// Area that stops rays.
+    area: f32,
+    /// Area of its projection onto a face of the cube.
+    projected: f32,
+}
+
+/// A triangle that is to be cut, in mesh space.
+struct Facet {
+    triangle: u32,
+    object: usize,
+    corners: [DVec3; 3],
+    /// Unit normals of the sides that have cells.
+    sides: [Option<Vec3>; 2],
 }
 
 /// A cube of the octree.
@@ -57,6 +66,8 @@ const MOST_WIDTH: f64 = 0.03;
 const MAX_LEVEL: u32 = 12;
 /// Area of the smallest cells, relative to a face of their cube.
 const SLIVER: f64 = 0.25;
+/// Where a few points find holes alone, some rays are stopped nevertheless.
+const LEAST_COVERAGE: f32 = 1.0 / 64.0;
 /// Photons that land in the smallest cells, about.
 const LEAST_LANDINGS: f64 = 4.0;
 /// Level of the cubes in which pilot photons are counted.
@@ -67,6 +78,8 @@ const ONE_LAYER: f64 = 1.01;
 /// gets no light.
 const NARROW: [f32; 2] = [0.5, 2.0];
 const EMPTY: u64 = u64::MAX;
+/// The part of a key that tells the cube.
+const CUBE: u64 = (1 << 40) - 1;
 
 impl SurfaceCells {
     /// Cells of which each has a 2^-`halvings`th of the width; `None` if `stop` returns true. It gets a number of cells
@@ -100,55 +113,91 @@ impl SurfaceCells {
             if stop(count.load(Ordering::Relaxed)) {
                 return Vec::new();
             }
-            let corners = scene.mesh.triangles[triangle].map(|v| scene.mesh.positions[v as usize]);
-            let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or_zero();
-            let both = scene.materials[scene.mesh.triangle_materials[triangle] as usize].double_sided;
+            let facet = Facet::new(scene, hidden, triangle);
             let mut pieces = Vec::new();
-            let mut add = |cube: Cube, polygon: &[DVec3]| {
-                let fan = polygon.windows(2).skip(1).map(|edge| (edge[0] - polygon[0]).cross(edge[1] - polygon[0]));
-                let area = 0.5 * fan.sum::<DVec3>().length();
-                let centre = (polygon.iter().sum::<DVec3>() / polygon.len() as f64).as_vec3();
-                let piece = |normal| Piece { key: key(cube, normal), triangle: triangle as u32, normal, centre, area };
-                let [front, back] = [0, 1].map(|back| !hidden[2 * triangle + back]);
-                pieces.extend(front.then(|| piece(normal)));
-                pieces.extend((both && back).then(|| piece(-normal)));
-            };
-            if normal != Vec3::ZERO {
-                cells.cut(Cube { level: 0, at: [0; 3] }, &corners.map(Vec3::as_dvec3), &mut add);
-            }
+            cells.cut_facet(&facet, &mut |cube, normal, polygon| {
+                let parts = facet.parts(polygon).map(|(at, area)| [area, area * facet.coverage(scene, at)]);
+                let [all, area] = parts.fold([0.0; 2], |sum, part| [0, 1].map(|i| sum[i] + part[i]));
+                let projected = all * normal.abs().max_element();
+                pieces.push(Piece { key: key(cube, normal, facet.object), triangle: facet.triangle, area, projected });
+            });
             // Triangles with more than a cell make cells, all others share them.
             count.fetch_add(pieces.len().saturating_sub(1), Ordering::Relaxed);
             pieces
         };
-        let pieces: Vec<Piece> = (0..scene.mesh.triangles.len()).into_par_iter().flat_map_iter(pieces).collect();
+        let triangles = 0..scene.mesh.triangles.len();
+        let pieces: Vec<Piece> = triangles.clone().into_par_iter().flat_map_iter(pieces).collect();
         if stop(count.into_inner()) {
             return None;
         }
         // Of each cell: area, and that of its projection onto a face of the cube.
         let mut areas: Vec<[f64; 2]> = Vec::new();
-        for Piece { key, normal, area, .. } in &pieces {
-            let cell = cells.insert(*key, areas.len() as u32) as usize;
+        for &Piece { key, area, projected, .. } in &pieces {
+            let cell = cells.insert(key, areas.len() as u32) as usize;
             areas.resize(areas.len().max(cell + 1), [0.0; 2]);
-            areas[cell][0] += area;
-            areas[cell][1] += area * f64::from(normal.abs().max_element());
+            areas[cell][0] += f64::from(area);
+            areas[cell][1] += f64::from(projected);
         }
-        let covered = |&Piece { key, triangle, normal, centre, area }: &Piece| {
-            let cell = cells.slots[cells.slot(key)].1;
-            let width = cells.width_of(level_of(key));
-            let in_layers = areas[cell as usize][1] > ONE_LAYER * f64::from(width).powi(2);
-            let hides = || match covering(scene, centre, normal, width) {
-                // Of two triangles in one place one counts.
-                Some(covering) => covering.triangle != triangle || covering.is_narrow,
-                None => false,
-            };
-            (in_layers && hides()).then_some((cell, area))
+        // Where surface may lie on another one: cells with more than a layer, and cubes with more than a cell.
+        let mut keys: Vec<(u64, u32)> = cells.slots.iter().copied().filter(|(key, _)| *key != EMPTY).collect();
+        keys.par_sort_unstable_by_key(|(key, _)| key & CUBE);
+        let mut may_hide = vec![false; areas.len()];
+        for of_cube in keys.chunk_by(|a, b| a.0 & CUBE == b.0 & CUBE) {
+            for &(key, cell) in of_cube {
+                let face = f64::from(cells.width_of(level_of(key))).powi(2);
+                may_hide[cell as usize] = of_cube.len() > 1 || areas[cell as usize][1] > ONE_LAYER * face;
+            }
+        }
+        let mut is_looked_at = vec![false; triangles.len()];
+        for Piece { key, triangle, .. } in &pieces {
+            is_looked_at[*triangle as usize] |= may_hide[cells.cell(*key).expect("each piece has one") as usize];
+        }
+        drop(pieces);
+        let covered = |triangle: usize| {
+            let facet = Facet::new(scene, hidden, triangle);
+            let mut covered = Vec::new();
+            cells.cut_facet(&facet, &mut |cube, normal, polygon| {
+                let cell = cells.cell(key(cube, normal, facet.object)).expect("each piece has one");
+                if !may_hide[cell as usize] {
+                    return;
+                }
+                let width = cells.width_of(cube.level);
+                for (at, area) in facet.parts(polygon) {
+                    let Some(covering) = covering(scene, facet.position(at), normal, width) else { continue };
+                    // Of two triangles in one place one counts.
+                    let by_other = covering.triangle != facet.triangle;
+                    if by_other || covering.is_narrow {
+                        // Rays may find either.
+                        let other = (by_other && !covering.is_above).then(|| {
+                            let other = Facet::new(scene, hidden, covering.triangle as usize);
+                            let side = other.sides.into_iter().flatten().find(|side| side.dot(normal) > 0.0)?;
+                            cells.cell(key(cube, side, other.object))
+                        });
+                        covered.push((cell, area * facet.coverage(scene, at), other.flatten()));
+                    }
+                }
+            });
+            covered
         };
-        let covered: Vec<(u32, f64)> = pieces.par_iter().filter_map(covered).collect();
+        let looked_at = triangles.into_par_iter().filter(|triangle| is_looked_at[*triangle]);
+        let covered: Vec<(u32, f32, Option<u32>)> = looked_at.flat_map_iter(covered).collect();
+        let mut into: Vec<u32> = (0..areas.len() as u32).collect();
+        for (cell, other) in covered.iter().filter_map(|(cell, _, other)| Some((*cell, (*other)?))) {
+            let [from, to] = [cell, other].map(|cell| root(&into, cell));
+            into[from as usize] = to;
+        }
+        let into = cells.redirect(&into);
+        (0..areas.len()).filter(|cell| into[*cell] != *cell as u32).for_each(|cell| {
+            let of_cell = std::mem::take(&mut areas[cell]);
+            let all = &mut areas[into[cell] as usize];
+            *all = [0, 1].map(|i| all[i] + of_cell[i]);
+        });
         let mut open: Vec<f64> = areas.iter().map(|[area, _]| *area).collect();
         cells.layered = vec![false; areas.len()];
-        for (cell, area) in covered {
-            open[cell as usize] -= area;
-            cells.layered[cell as usize] = true;
+        for (cell, area, _) in covered {
+            let cell = into[cell as usize] as usize;
+            open[cell] -= f64::from(area);
+            cells.layered[cell] = true;
         }
         // Where all is hidden no ray looks.
         let area = |(open, [all, _]): (f64, &[f64; 2])| if open > 1e-3 * all { open as f32 } else { *all as f32 };
@@ -185,7 +234,7 @@ impl SurfaceCells {
                 let members = family.iter().map(|member| member.1 as usize);
                 let largest = members.clone().max_by(|a, b| areas[*a].total_cmp(&areas[*b])).expect("it has members");
                 for cell in members.filter(|cell| *cell != largest) {
-                    if areas[cell] < least[cell] {
+                    if areas[cell] < least[cell] && into[cell] as usize == cell {
                         areas[largest] += areas[cell];
                         self.layered[largest] |= self.layered[cell];
                         into[cell] = largest as u32;
@@ -194,16 +243,16 @@ impl SurfaceCells {
             }
             cells.retain(|(_, cell)| into[*cell as usize] == *cell);
         }
-        let root = |mut cell: u32| {
-            while into[cell as usize] != cell {
-                cell = into[cell as usize];
-            }
-            cell
-        };
-        let joined: Vec<u32> = (0..areas.len() as u32).map(root).collect();
-        self.slots.iter_mut().filter(|(key, _)| *key != EMPTY).for_each(|(_, cell)| *cell = joined[*cell as usize]);
+        let joined = self.redirect(&into);
         self.areas = areas.into_iter().map(|area| area as f32).collect();
         joined
+    }
+
+    /// Gives the places of each cell to that which it leads to, and tells which that is.
+    fn redirect(&mut self, into: &[u32]) -> Vec<u32> {
+        let roots: Vec<u32> = (0..into.len() as u32).map(|cell| root(into, cell)).collect();
+        self.slots.iter_mut().filter(|(key, _)| *key != EMPTY).for_each(|(_, cell)| *cell = roots[*cell as usize]);
+        roots
     }
 
     pub fn len(&self) -> usize {
@@ -222,7 +271,7 @@ impl SurfaceCells {
         if hidden[2 * surface.triangle as usize + usize::from(is_back)] {
             return None;
         }
-        let (cell, level) = self.find(surface.position, surface.geometric_normal)?;
+        let (cell, level) = self.find(scene, surface)?;
         let hides = || {
             let width = self.width_of(level);
             let covering = covering(scene, surface.position, surface.geometric_normal, width);
@@ -231,23 +280,27 @@ impl SurfaceCells {
         (!(self.layered[cell as usize] && hides())).then_some(cell)
     }
 
-    /// The cell of a place on the side of a surface that `geometric_normal` points to; `None` by rounding on seams.
-    pub fn of_place(&self, position: Vec3, geometric_normal: Vec3) -> Option<u32> {
-        Some(self.find(position, geometric_normal)?.0)
+    /// The cell of a place on the side that the geometric normal points to; `None` by rounding on seams.
+    pub fn of_place(&self, scene: &TracedScene, surface: &SurfacePoint) -> Option<u32> {
+        Some(self.find(scene, surface)?.0)
     }
 
     /// The cell, and its level.
-    fn find(&self, position: Vec3, geometric_normal: Vec3) -> Option<(u32, u32)> {
-        let place = (position - self.low) * ((1 << MAX_LEVEL) as f32 / self.root);
+    fn find(&self, scene: &TracedScene, surface: &SurfacePoint) -> Option<(u32, u32)> {
+        let place = (surface.position - self.low) * ((1 << MAX_LEVEL) as f32 / self.root);
         let place = place.as_uvec3().min(glam::UVec3::splat((1 << MAX_LEVEL) - 1));
         let mut cube = Cube { level: 0, at: [0; 3] };
         while self.is_split(cube) {
             let level = cube.level + 1;
             cube = Cube { level, at: (place >> (MAX_LEVEL - level)).to_array() };
         }
-        let key = key(cube, geometric_normal);
+        let key = key(cube, surface.geometric_normal, scene.mesh.object(surface.triangle));
+        Some((self.cell(key)?, cube.level))
+    }
+
+    fn cell(&self, key: u64) -> Option<u32> {
         let (found, cell) = self.slots[self.slot(key)];
-        (found == key).then_some((cell, cube.level))
+        (found == key).then_some(cell)
     }
 
     fn width_of(&self, level: u32) -> f32 {
@@ -289,6 +342,15 @@ impl SurfaceCells {
         }
     }
 
+    /// Cuts a triangle; `add` gets the normal of each side of each piece.
+    fn cut_facet(&self, facet: &Facet, add: &mut impl FnMut(Cube, Vec3, &[DVec3])) {
+        if facet.sides.iter().any(Option::is_some) {
+            self.cut(Cube { level: 0, at: [0; 3] }, &facet.corners, &mut |cube, polygon| {
+                facet.sides.into_iter().flatten().for_each(|normal| add(cube, normal, polygon));
+            });
+        }
+    }
+
     fn slot(&self, key: u64) -> usize {
         let mask = self.slots.len() - 1;
         let mut at = (key.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32) as usize & mask;
@@ -316,13 +378,66 @@ impl SurfaceCells {
     }
 }
 
-/// Of surfaces in a cube that face along the same axis.
-fn key(Cube { level, at }: Cube, normal: Vec3) -> u64 {
+impl Facet {
+    fn new(scene: &TracedScene, hidden: &[bool], triangle: usize) -> Self {
+        let corners = scene.mesh.triangles[triangle].map(|v| scene.mesh.positions[v as usize]);
+        let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or_zero();
+        let both = scene.materials[scene.mesh.triangle_materials[triangle] as usize].double_sided;
+        let is_seen = |back: usize| normal != Vec3::ZERO && !hidden[2 * triangle + back];
+        let sides = [is_seen(0).then_some(normal), (both && is_seen(1)).then_some(-normal)];
+        Self {
+            triangle: triangle as u32,
+            object: scene.mesh.object(triangle as u32),
+            corners: corners.map(Vec3::as_dvec3),
+            sides,
+        }
+    }
+
+    fn position(&self, barycentric: Vec2) -> Vec3 {
+        let [a, b, c] = self.corners.map(DVec3::as_vec3);
+        a + (b - a) * barycentric.x + (c - a) * barycentric.y
+    }
+
+    /// Share of the rays that the surface stops.
+    fn coverage(&self, scene: &TracedScene, barycentric: Vec2) -> f32 {
+        coverage(scene, self.triangle, barycentric).max(LEAST_COVERAGE)
+    }
+
+    /// Points of a convex part of the triangle in barycentric coordinates, each with the area that it stands for.
+    fn parts<'a>(&'a self, polygon: &'a [DVec3]) -> impl Iterator<Item = (Vec2, f32)> {
+        let [a, b, c] = self.corners;
+        let normal = (b - a).cross(c - a);
+        let barycentric = move |place: DVec3| {
+            let weight = |edge: DVec3| edge.dot(normal) / normal.length_squared();
+            DVec2::new(weight((place - a).cross(c - a)), weight((b - a).cross(place - a))).as_vec2()
+        };
+        polygon.windows(2).skip(1).flat_map(move |edge| {
+            let corners = [polygon[0], edge[0], edge[1]];
+            let area = 0.5 * (edge[0] - polygon[0]).cross(edge[1] - polygon[0]).length();
+            let centre = corners.iter().sum::<DVec3>() / 3.0;
+            // Centres of the four triangles between the middles of its edges.
+            let places = [centre].into_iter().chain(corners.map(|corner| 0.5 * (centre + corner)));
+            places.map(move |place| (barycentric(place), 0.25 * area as f32))
+        })
+    }
+}
+
+/// Where a chain of cells ends, of which each leads to another or to itself.
+fn root(into: &[u32], mut cell: u32) -> u32 {
+    while into[cell as usize] != cell {
+        cell = into[cell as usize];
+    }
+    cell
+}
+
+/// Of surfaces of an object in a cube that face along the same axis. Objects have cells of their own since one can be
+/// in the light and another one behind it in its shadow.
+fn key(Cube { level, at }: Cube, normal: Vec3, object: usize) -> u64 {
     let size = normal.abs();
     let axis = if size.x >= size.y && size.x >= size.z { 0 } else { 1 + usize::from(size.z > size.y) };
     let side = (2 * axis + usize::from(normal[axis] < 0.0)) as u64;
     let [x, y, z] = at.map(u64::from);
-    x | y << 12 | z << 24 | u64::from(level) << 36 | side << 40
+    x | y << 12 | z << 24 | u64::from(level) << 36 | side << 40 | (object as u64) << 43 & !(1 << 63)
 }
 
 fn level_of(key: u64) -> u32 {

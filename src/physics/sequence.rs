@@ -150,7 +150,8 @@ pub fn fibonacci_lattice(index: u32, count: u32) -> [f64; 2] {
     [(row + 0.5) / f64::from(count), (row * GOLDEN_RATIO).fract()]
 }
 
-const GOLDEN_RATIO: f64 = 0.618_033_988_749_894_9;
+/// The inverse of the golden ratio: fractional parts of its multiples fill 0..1 evenly for any count.
+pub const GOLDEN_RATIO: f64 = 0.618_033_988_749_894_9;
 
 /// The finalizer of [Steele 2014], SplitMix64.
 pub fn mix(seed: u64) -> u64 {

@@ -233,12 +233,14 @@ fn hidden_sides(scene: &Scene, sides: &[(u32, f64)], visits: impl Fn(u32) -> u32
     let (mut first, mut counts) = (0, [0, 0]);
     for (i, &front) in fronts.iter().enumerate() {
         counts = [counts[0] + visits(front), counts[1] + visits(front + 1)];
-        if counts[0].max(counts[1]) < ENOUGH && i + 1 < fronts.len() {
+        if counts[0].max(counts[1]) < ENOUGH {
             continue;
         }
-        for back in 0..2 {
-            if counts[back] * HARDLY_ANY < counts[1 - back] {
-                fronts[first..=i].iter().for_each(|front| hidden[*front as usize + back] = true);
+        for back in (0..2).filter(|back| counts[*back] * HARDLY_ANY < counts[1 - back]) {
+            for front in &fronts[first..=i] {
+                // Among closed meshes there may be a sheet.
+                let [side, other] = [back, 1 - back].map(|back| front + back as u32);
+                hidden[side as usize] = visits(side) * HARDLY_ANY <= visits(other);
             }
         }
         (first, counts) = (i + 1, [0, 0]);

@@ -14,7 +14,7 @@ use crate::bake::DeepFramebuffer;
 use crate::bake::csr_matrix::CsrMatrix;
 use crate::physics::brdf::Lobes;
 use crate::physics::octahedral;
-use crate::physics::sequence::{Points, SharedPoints};
+use crate::physics::sequence::{GOLDEN_RATIO, Points, SharedPoints};
 use crate::shared::NO_BRDF;
 
 /// Gathers rows.
@@ -147,7 +147,7 @@ impl WithSimd for Deposit<'_, '_, '_> {
         let shift = numbers.at(0, 0)[0];
         arrivals.clear();
         for (ray, weight, direction, hit) in fan.rays_from(paths, position, geometric_normal) {
-            let among = (shift + f64::from(ray) * GOLDEN).fract() as f32;
+            let among = (shift + f64::from(ray) * GOLDEN_RATIO).fract() as f32;
             let random = |layer: u32| {
                 let [u, v, w, _] = numbers.at(ray, 1 + layer);
                 [u, v, w]
@@ -174,8 +174,6 @@ impl WithSimd for Deposit<'_, '_, '_> {
     }
 }
 
-/// Fractional parts of multiples fill 0..1 evenly for any count: the inverse of the golden ratio.
-const GOLDEN: f64 = 0.618_033_988_749_895;
 /// Rows per parallel task: some milliseconds of work.
 pub const TASK: usize = 16;
 
