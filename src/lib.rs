@@ -115,6 +115,7 @@
 //!   SIGGRAPH.
 //! - [OpenGL 4.6] The Khronos Group, The OpenGL Graphics System: A Specification, version 4.6, core profile, 2022.
 //! - [OpenJD 2023] Open Job Description, Template schemas, version 2023-09.
+//! - [Peter 1998] Peter, Pietrek, Importance driven construction of photon maps, Eurographics Workshop on Rendering.
 //! - [Poulin 1992] Poulin, Fournier, Lights from highlights and shadows, I3D.
 //! - [Preetham 1999] Preetham, Shirley, Smits, A practical analytic model for daylight, SIGGRAPH.
 //! - [Reeves 1987] Reeves, Salesin, Cook, Rendering antialiased shadows with depth maps, SIGGRAPH.

@@ -183,6 +183,29 @@ fn surfaces_that_stop_half_of_the_light() {
     assert_alike("veils", means(&TracedScene::new(build.scene()), &into_a_corner(), 2 * SIDE, &lamp(), (8, 512)));
 }
 
+/// A sun that shines into a box through a hole of its roof, on a wide plain: a two-hundredth of its photons get in.
+#[test]
+fn sun_through_a_hole() {
+    let mut build = Build::default();
+    let white = build.material(Material { double_sided: true, ..lambert(Vec3::splat(0.8)) });
+    build.room(DVec3::ZERO, 1.0, white);
+    // The roof: a quad of which four others are left.
+    let is_roof = |(corners, _): &([DVec3; 4], usize)| corners.iter().all(|corner| corner.y == 1.0);
+    build.quads.retain(|quad| !is_roof(quad));
+    for (x, z) in [(0.65, 0.3), (-0.3, 0.65), (-0.65, -0.3), (0.3, -0.65)] {
+        let [u, v] = if f64::abs(x) > f64::abs(z) { [0.35, 0.7] } else { [0.7, 0.35] };
+        build.quad(DVec3::new(x, 1.0, z), DVec3::Z * v, DVec3::X * u, white);
+    }
+    build.quad(DVec3::Y * -1.2, DVec3::Z * 8.0, DVec3::X * 8.0, white);
+    let sun = Light {
+        kind: LightKind::Directional,
+        direction: DVec3::new(0.3, -1.0, 0.2).normalize(),
+        ..Light::point("sun", DVec3::ZERO)
+    };
+    let scene = TracedScene::new(build.scene());
+    assert_alike("hole", means(&scene, &into_a_corner(), 2 * SIDE, &rig(vec![sun]), (16, 512)));
+}
+
 fn lamp() -> Rig {
     rig(vec![Light::point("lamp", DVec3::new(0.2, 0.4, 0.3))])
 }

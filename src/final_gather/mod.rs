@@ -7,6 +7,7 @@ mod balance;
 mod bounds;
 mod combine;
 mod gather;
+mod guide;
 mod irradiance_cache;
 mod photons;
 mod refined;
@@ -22,13 +23,14 @@ pub use self::combine::Combination;
 pub use self::refined::{Estimate, Refined, mean};
 
 use self::gather::{BY_CHANCE, Pass, RAYS, RAYS_OF_STREAM, Scratch};
+use self::guide::Guide;
 use self::irradiance_cache::IrradianceCache;
 use self::photons::{Photons, Surfaces};
 use self::sources::Source;
 use self::surface_cells::SurfaceCells;
 use crate::bake::DeepFramebuffer;
 use crate::bake::framebuffer::view_samples::resolve;
-use crate::bake::transport::importance::hidden;
+use crate::bake::transport::importance::Visible;
 use crate::physics::sequence::{SharedPoints, mix};
 use crate::scene::{Camera, Emitters, Projection, Rig};
 use crate::trace::bvh::TracedScene;
@@ -41,10 +43,12 @@ pub struct FinalGather<'a> {
     scene: &'a TracedScene,
     framebuffer: &'a DeepFramebuffer,
     sources: Vec<Source>,
+    /// Of each source.
+    guides: Vec<Guide>,
     /// Where perfect mirrors may be.
     mirrors: EmittingTriangles,
-    /// Of the front and back of each triangle whether it is the inside of a closed mesh; empty before the first pass.
-    hidden: Vec<bool>,
+    /// `None` before the first pass.
+    visible: Option<Visible>,
     /// `None` before the first pass.
     lighting: Option<Lighting>,
     /// How often cells are halved at most.
@@ -59,8 +63,8 @@ pub struct FinalGather<'a> {
     further: f64,
     /// Bounces that these would make in all passes if all photons did so, and number of photons.
     further_bounces: [f64; 2],
-    /// Of each source, the power that landed in all passes; at unit strength.
-    powers: Vec<f64>,
+    /// Of each source, what its photons sent to the picture in all passes; at unit strength, in no unit.
+    values: Vec<f64>,
     /// Of each 64 view samples, in their order.
     chunks: Vec<Chunk>,
 }
@@ -121,7 +125,8 @@ impl<'a> FinalGather<'a> {
             scene,
             framebuffer,
             mirrors: EmittingTriangles::new(scene, |material| f64::from(u8::from(scene.may_mirror(material)))),
-            hidden: Vec::new(),
+            guides: sources.iter().map(|_| Guide::default()).collect(),
+            visible: None,
             lighting: None,
             most_halvings: MOST_HALVINGS,
             // Others add numbers to it.
@@ -131,7 +136,7 @@ impl<'a> FinalGather<'a> {
             photons: [0, 1].map(|_| vec![0; sources.len()]),
             further: PILOT,
             further_bounces: [0.0; 2],
-            powers: vec![0.0; sources.len()],
+            values: vec![0.0; sources.len()],
             chunks: (0..count).map(|_| Chunk { sums: sums(), rays: [0; 2], is_wanted: true }).collect(),
             sources,
         }
@@ -146,9 +151,9 @@ impl<'a> FinalGather<'a> {
         if self.lighting.as_ref().is_some_and(is_as_wanted) {
             return true;
         }
-        if self.hidden.is_empty() {
-            self.hidden = hidden(self.scene, self.framebuffer, self.framebuffer.asked_layers, EYE_PATHS, self.seed);
-        }
+        let (scene, framebuffer, seed) = (self.scene, self.framebuffer, self.seed);
+        let look = || Visible::new(scene, framebuffer, framebuffer.asked_layers, EYE_PATHS, seed);
+        let visible = self.visible.get_or_insert_with(look);
         let camera = &self.framebuffer.camera;
         let (mut cells, halvings) = loop {
             let halvings = wanted.min(self.most_halvings);
@@ -156,17 +161,18 @@ impl<'a> FinalGather<'a> {
                 return true;
             }
             let most = if halvings == 0 { usize::MAX } else { MOST_CELLS / self.sources.len().max(1) };
-            match SurfaceCells::new(self.scene, camera, &self.hidden, halvings, &|cells| stop() || cells > most) {
+            match SurfaceCells::new(scene, camera, visible, halvings, &|cells| stop() || cells > most) {
                 Some(cells) => break (cells, halvings),
                 None if stop() => return false,
                 None => self.most_halvings = halvings - 1,
             }
         };
         let counts = self.photon_counts(PILOT);
-        let surfaces = Surfaces { scene: self.scene, cells: &cells, hidden: &self.hidden, mirrors: &self.mirrors };
+        let hidden = &self.visible.as_ref().expect("it was looked at").hidden;
+        let surfaces = Surfaces { scene, cells: &cells, hidden, mirrors: &self.mirrors };
         let of_half = (&counts[..], &self.photons[0][..]);
         let seed = self.seed ^ u64::from(5 + halvings) << 40;
-        let mut pilot = Photons::trace(surfaces, &self.sources, of_half, self.further, seed, stop);
+        let mut pilot = Photons::trace(surfaces, (&self.sources, &self.guides), of_half, self.further, seed, stop);
         if stop() {
             return false;
         }
@@ -183,8 +189,11 @@ impl<'a> FinalGather<'a> {
 
     /// Learns from photons which sources matter, and how many photons go on.
     fn learn(&mut self, counts: &[u32], photons: &Photons) {
-        for landing in photons.direct() {
-            self.powers[landing.source as usize] += f64::from(landing.power.max_element());
+        // Those of each source are neighbours.
+        for of_source in photons.values.chunk_by(|a, b| a.0 == b.0) {
+            let index = of_source[0].0 as usize;
+            self.guides[index].learn(of_source.iter().map(|&(_, place, value)| (place, value)));
+            self.values[index] += of_source.iter().map(|(.., value)| value).sum::<f64>();
         }
         let [bounces, count] = &mut self.further_bounces;
         *bounces += photons.further_bounces as f64 / self.further;
@@ -211,9 +220,10 @@ impl<'a> FinalGather<'a> {
         let seed = self.seed ^ (1 + half as u64) << 48;
         let counts = self.photon_counts(1.0);
         let Lighting { cells, caches, .. } = self.lighting.as_mut().expect("it is prepared");
-        let surfaces = Surfaces { scene: self.scene, cells, hidden: &self.hidden, mirrors: &self.mirrors };
+        let hidden = &self.visible.as_ref().expect("it is prepared").hidden;
+        let surfaces = Surfaces { scene: self.scene, cells, hidden, mirrors: &self.mirrors };
         let of_half = (&counts[..], &self.photons[half][..]);
-        let mut photons = Photons::trace(surfaces, &self.sources, of_half, self.further, seed, stop);
+        let mut photons = Photons::trace(surfaces, (&self.sources, &self.guides), of_half, self.further, seed, stop);
         if stop() {
             return;
         }
@@ -290,16 +300,16 @@ impl<'a> FinalGather<'a> {
 
     /// Photons of each source in the next pass, or in a share of it: as its light matters in the scene.
     fn photon_counts(&self, share: f64) -> Vec<u32> {
-        let power = |(source, power): (&Source, &f64)| source.scale * power;
-        let total: f64 = self.sources.iter().zip(&self.powers).map(power).sum();
+        let value = |(source, value): (&Source, &f64)| source.scale * value;
+        let total: f64 = self.sources.iter().zip(&self.values).map(value).sum();
         let even = 1.0 / self.sources.len() as f64;
         let [fewest, most] = PHOTONS;
         let count = share * (PHOTONS_A_SAMPLE * self.framebuffer.samples.len()).clamp(fewest, most) as f64;
         let photons = |of: (&Source, &f64)| {
-            let known = if total > 0.0 { power(of) / total } else { even };
+            let known = if total > 0.0 { value(of) / total } else { even };
             (count * (BY_CHANCE * even + (1.0 - BY_CHANCE) * known)).max(1.0) as u32
         };
-        self.sources.iter().zip(&self.powers).map(photons).collect()
+        self.sources.iter().zip(&self.values).map(photons).collect()
     }
 
     /// What the passes found of the light that is number `source` of [`Self::lights`].

@@ -3,6 +3,7 @@
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
+use super::guide::Guide;
 use super::sources::Source;
 use super::surface_cells::SurfaceCells;
 use crate::bake::brdf_factors::HarmonicProjection;
@@ -84,6 +85,8 @@ pub struct Photons {
     pub landings: Vec<Landing>,
     /// What came from a source by perfect mirrors, with the index of the source.
     pub thrown: Vec<(u32, Photon)>,
+    /// Of photons that count: source, where they left it, and what they sent to the picture, in no unit.
+    pub values: Vec<(u32, [f64; 2], f64)>,
     /// Bounces beyond those that all photons may make.
     pub further_bounces: u64,
 }
@@ -101,21 +104,16 @@ const MAX_GROWTH: f64 = 100.0;
 pub const MAX_TILT: f64 = 4.0;
 
 impl Photons {
-    /// What came straight from the sources.
-    pub fn direct(&self) -> impl Iterator<Item = &Landing> {
-        self.landings.iter().filter(|landing| landing.is_direct)
-    }
-
     /// What was reflected before.
     pub fn reflected(&self) -> impl Iterator<Item = &Landing> {
         self.landings.iter().filter(|landing| !landing.is_direct)
     }
 
-    /// `counts[i]` photons of source i, which are numbers `first[i]` and up in its sequence, and some more towards
+    /// `counts[i]` photons of source i, which leave as its guide tells, are numbers `first[i]` and up in its sequence, and some more towards
     /// mirrors. The share `further` of them goes on after some bounces. Finds less if `stop` returns true.
     pub fn trace(
         surfaces: Surfaces,
-        sources: &[Source],
+        (sources, guides): (&[Source], &[Guide]),
         (counts, first): (&[u32], &[u32]),
         further: f64,
         seed: u64,
@@ -140,7 +138,10 @@ impl Photons {
                 let random = |set| points.at(first[index].wrapping_add(i), set);
                 match by_mirrors {
                     true => found.throw(surfaces, source, (f64::from(count), further), random),
-                    false => found.follow(surfaces, source, (f64::from(count), further), random),
+                    false => {
+                        let value = found.follow(surfaces, source, &guides[index], (f64::from(count), further), random);
+                        found.values.extend(value.map(|(place, value)| (index as u32, place, value)));
+                    }
                 }
             }
             found
@@ -154,25 +155,29 @@ impl Photons {
         Self {
             lit: order.into_par_iter().map(|(_, part, i)| parts[part as usize].lit[i as usize]).collect(),
             thrown: parts.iter().flat_map(|part| part.thrown.iter().copied()).collect(),
+            values: parts.iter().flat_map(|part| part.values.iter().copied()).collect(),
             further_bounces: parts.iter().map(|part| part.further_bounces).sum(),
             landings: parts.into_iter().flat_map(|part| part.landings).collect(),
         }
     }
 
-    /// Follows one of `count` photons.
+    /// Follows one of `count` photons. Returns where it left, and what it sends to the picture, if that is anything.
     fn follow(
         &mut self,
         surfaces: Surfaces,
         (index, source): (u32, &Source),
+        guide: &Guide,
         (count, further): (f64, f64),
         random: impl Fn(u32) -> [f64; 4],
-    ) {
+    ) -> Option<([f64; 2], f64)> {
         let scene = surfaces.scene;
+        let before = self.landings.len();
         let at_source = random(0);
         let from = source.point(scene, at_source);
-        let to = random(1);
+        let [u, v, w, _] = random(1);
+        let (to, density) = guide.draw([u, v]);
         let order = match source.is_punctual() {
-            true => along_curve([to[0], to[1]]),
+            true => along_curve(to),
             false => along_curve([at_source[0], at_source[1]]),
         };
         if let Some(emitting) = from.emitting {
@@ -185,7 +190,7 @@ impl Photons {
                 order,
             });
         }
-        let emission = from.emit(scene, [to[0], to[1], to[2]]);
+        let emission = from.emit(scene, [to[0], to[1], w]);
         source.lands(scene, &emission, |hit| {
             let surface = SurfacePoint::new(scene, &hit, emission.direction, 0.0);
             let wo = -emission.direction.as_dvec3();
@@ -196,7 +201,7 @@ impl Photons {
                 return;
             }
             let distance = f64::from(from.packed.position.distance(surface.position));
-            let across = count * from.ray_density(scene, distance);
+            let across = count * density * from.ray_density(scene, distance);
             let power = arriving.irradiance * (cosine / facing).min(MAX_TILT) / across;
             self.lit.push(LitPoint {
                 source: index,
@@ -209,6 +214,9 @@ impl Photons {
             let start = Start { source: index, surface, wo, power, by_mirrors: false };
             self.bounce(surfaces, start, further, &random);
         });
+        let value = |landing: &Landing| landing.power.max_element() * surfaces.cells.importance(landing.cell);
+        let value = f64::from(self.landings[before..].iter().map(value).sum::<f32>());
+        (value > 0.0 && value.is_finite()).then_some((to, value))
     }
 
     /// Follows one of `count` photons towards mirrors.

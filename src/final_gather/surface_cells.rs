@@ -7,7 +7,8 @@ use glam::{DVec2, DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::width_of_strip;
-use crate::bake::gather_samples::is_from_behind;
+use crate::bake::gather_samples::{Place, is_from_behind};
+use crate::bake::transport::importance::Visible;
 use crate::scene::{Camera, Projection};
 use crate::trace::bvh::{TracedScene, coverage};
 use crate::trace::surface::SurfacePoint;
@@ -29,6 +30,8 @@ pub struct SurfaceCells {
     areas: Vec<f32>,
     /// Cells with layers of surface, of which one hides another.
     layered: Vec<bool>,
+    /// How much of the picture comes from each cell, by area.
+    importance: Vec<f32>,
 }
 
 /// The part of a triangle that lies in a cell.
@@ -83,12 +86,12 @@ const CUBE: u64 = (1 << 40) - 1;
 
 impl SurfaceCells {
     /// Cells of which each has a 2^-`halvings`th of the width; `None` if `stop` returns true. It gets a number of cells
-    /// that there may be. Sides of triangles that are [`hidden`](crate::bake::transport::importance::hidden) get no
-    /// cells: within a thin closed mesh they would share those of its outside.
+    /// that there may be. Sides of triangles that are [hidden](Visible::hidden) get no cells: within a thin closed mesh
+    /// they would share those of its outside.
     pub fn new(
         scene: &TracedScene,
         camera: &Camera,
-        hidden: &[bool],
+        Visible { hidden, places }: &Visible,
         halvings: u32,
         stop: &(dyn Fn(usize) -> bool + Sync),
     ) -> Option<Self> {
@@ -107,6 +110,7 @@ impl SurfaceCells {
             slots: vec![(EMPTY, 0); 1 << 16],
             areas: Vec::new(),
             layered: Vec::new(),
+            importance: Vec::new(),
         };
         let count = AtomicUsize::new(0);
         let pieces = |triangle: usize| {
@@ -202,7 +206,27 @@ impl SurfaceCells {
         // Where all is hidden no ray looks.
         let area = |(open, [all, _]): (f64, &[f64; 2])| if open > 1e-3 * all { open as f32 } else { *all as f32 };
         cells.areas = open.into_iter().zip(&areas).map(area).collect();
+        cells.importance = cells.importance_of(scene, places);
         Some(cells)
+    }
+
+    /// How much of the picture comes from each cell, by area: the mean of a large cube.
+    fn importance_of(&self, scene: &TracedScene, places: &[(Place, f32)]) -> Vec<f32> {
+        // Of each large cube and side: light and area.
+        let mut around: HashMap<u64, [f32; 2]> = HashMap::new();
+        let keys: Vec<u64> =
+            places.par_iter().map(|(place, _)| self.key_of(scene, &place.surface(scene, 0.0)).0).collect();
+        for (key, (_, light)) in keys.into_iter().zip(places) {
+            around.entry(ancestor(key)).or_default()[0] += light;
+        }
+        let cells = || self.slots.iter().filter(|(key, _)| *key != EMPTY);
+        cells().for_each(|&(key, cell)| around.entry(ancestor(key)).or_default()[1] += self.areas[cell as usize]);
+        let mut importance = vec![0.0; self.areas.len()];
+        for &(key, cell) in cells() {
+            let [light, area] = around[&ancestor(key)];
+            importance[cell as usize] = light / area.max(f32::MIN_POSITIVE);
+        }
+        importance
     }
 
     /// Joins cells that are too small for photons to tell their light with larger ones beside them. `landed`: cells of
@@ -264,6 +288,11 @@ impl SurfaceCells {
         self.areas[cell as usize]
     }
 
+    /// Share of a pixel's light that comes from a cell if light arrives there, by area; in no unit.
+    pub fn importance(&self, cell: u32) -> f32 {
+        self.importance[cell as usize]
+    }
+
     /// The cell in which light lands; `None` where its area does not count, and by rounding on seams. `hidden`: as of
     /// the cells.
     pub fn of_landing(&self, scene: &TracedScene, hidden: &[bool], surface: &SurfacePoint) -> Option<u32> {
@@ -287,6 +316,12 @@ impl SurfaceCells {
 
     /// The cell, and its level.
     fn find(&self, scene: &TracedScene, surface: &SurfacePoint) -> Option<(u32, u32)> {
+        let (key, level) = self.key_of(scene, surface);
+        Some((self.cell(key)?, level))
+    }
+
+    /// The key of a cell, and its level.
+    fn key_of(&self, scene: &TracedScene, surface: &SurfacePoint) -> (u64, u32) {
         let place = (surface.position - self.low) * ((1 << MAX_LEVEL) as f32 / self.root);
         let place = place.as_uvec3().min(glam::UVec3::splat((1 << MAX_LEVEL) - 1));
         let mut cube = Cube { level: 0, at: [0; 3] };
@@ -294,8 +329,7 @@ impl SurfaceCells {
             let level = cube.level + 1;
             cube = Cube { level, at: (place >> (MAX_LEVEL - level)).to_array() };
         }
-        let key = key(cube, surface.geometric_normal, scene.mesh.object(surface.triangle));
-        Some((self.cell(key)?, cube.level))
+        (key(cube, surface.geometric_normal, scene.mesh.object(surface.triangle)), cube.level)
     }
 
     fn cell(&self, key: u64) -> Option<u32> {

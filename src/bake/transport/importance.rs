@@ -92,14 +92,24 @@ impl Importance {
     }
 }
 
-/// Of the front and back of each triangle whether it is hidden, by `paths` eye paths: see [`hidden_sides`].
-pub fn hidden(scene: &TracedScene, framebuffer: &DeepFramebuffer, layers: u32, paths: usize, seed: u64) -> Vec<bool> {
-    let mut visits = vec![0; 2 * scene.mesh.triangles.len()];
-    if scene.materials.iter().any(|material| material.double_sided) {
+/// What eye paths tell of surfaces.
+pub struct Visible {
+    /// Of the front and back of each triangle whether it is hidden, as the inside of a closed mesh.
+    pub hidden: Vec<bool>,
+    /// Places that paths met, and the share of a pixel's light that comes from there.
+    pub places: Vec<(Place, f32)>,
+}
+
+impl Visible {
+    /// By `paths` paths through at most `layers` mirrors, from the view of `framebuffer`.
+    pub fn new(scene: &TracedScene, framebuffer: &DeepFramebuffer, layers: u32, paths: usize, seed: u64) -> Self {
         let traced = Tracer { paths: Paths::new(scene, layers), framebuffer, seed }.trace(paths);
-        traced.iter().flat_map(|path| &path.visits).for_each(|visit| visits[visit.side as usize] += 1);
+        let visits: Vec<Visit> = traced.into_iter().flat_map(|path| path.visits).collect();
+        let mut counts = vec![0; 2 * scene.mesh.triangles.len()];
+        visits.iter().for_each(|visit| counts[visit.side as usize] += 1);
+        let hidden = hidden_sides(scene, &sides_by_facing(scene), |side| counts[side as usize]);
+        Self { hidden, places: visits.iter().map(|visit| (visit.place(), visit.light)).collect() }
     }
-    hidden_sides(scene, &sides_by_facing(scene), |side| visits[side as usize])
 }
 
 struct Tracer<'a> {
