@@ -5,6 +5,7 @@ use std::time::Instant;
 use glam::Vec3;
 
 use super::Session;
+use super::memory::check_free;
 use crate::error::Result;
 use crate::final_gather::{Estimate, FinalGather, LEAST_PASSES, Refined};
 use crate::image::luminance;
@@ -32,6 +33,8 @@ pub struct Refinement {
 
 /// Passes between checks of the error, relative to those that were made.
 const CHECK_EVERY: f64 = 0.25;
+/// Bytes of each light: the operator's picture, sums and estimates of both halves, and the change.
+const BYTES_A_SAMPLE: usize = 12 + 24 + 24 + 12;
 
 impl Session {
     /// Gathers indirect light for the lights of the relighter's rig, and adds what its pictures of them lack. `tell`
@@ -39,7 +42,7 @@ impl Session {
     /// bounces](super::IndirectSettings::has_all_bounces).
     ///
     /// # Errors
-    /// Those of the device.
+    /// Those of the device, and too many lights for the free memory.
     ///
     /// # Panics
     /// If it may not end.
@@ -48,6 +51,10 @@ impl Session {
         let start = Instant::now();
         let is_late = || until.seconds.is_some_and(|seconds| start.elapsed().as_secs_f64() >= seconds);
         let rig = relighter.rig().clone();
+        let count = (0..rig.lights.len()).filter(|light| rig.scale(*light) != Vec3::ZERO).count();
+        let bytes = (count * BYTES_A_SAMPLE * self.framebuffer.samples.len()) as f64;
+        let what = format!("final gathering of {count} lights takes");
+        check_free(bytes, &what, "choose a smaller --size, or fewer lights", &self.scene.path)?;
         let mut gather = FinalGather::new(&self.scene, &self.framebuffer, &rig, |_| true, seed, 0);
         let lights: Vec<usize> = gather.lights().collect();
         let beauty: Vec<Vec3> = relighter.linear(Request::default())?.iter().copied().map(Vec3::from).collect();
