@@ -183,7 +183,7 @@ fn surfaces_that_stop_half_of_the_light() {
     assert_alike("veils", means(&TracedScene::new(build.scene()), &into_a_corner(), 2 * SIDE, &lamp(), (8, 512)));
 }
 
-/// A sun that shines into a box through a hole of its roof, on a wide plain: a two-hundredth of its photons get in.
+/// A sun that shines into a box through a hole of its roof, on a wide plain: a thousandth of its rays get in.
 #[test]
 fn sun_through_a_hole() {
     let mut build = Build::default();

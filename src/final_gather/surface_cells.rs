@@ -158,8 +158,11 @@ impl SurfaceCells {
         }
         drop(pieces);
         let covered = |triangle: usize| {
-            let facet = Facet::new(scene, hidden, triangle);
             let mut covered = Vec::new();
+            if stop(0) {
+                return covered;
+            }
+            let facet = Facet::new(scene, hidden, triangle);
             cells.cut_facet(&facet, &mut |cube, normal, polygon| {
                 let cell = cells.cell(key(cube, normal, facet.object)).expect("each piece has one");
                 if !may_hide[cell as usize] {
@@ -185,6 +188,9 @@ impl SurfaceCells {
         };
         let looked_at = triangles.into_par_iter().filter(|triangle| is_looked_at[*triangle]);
         let covered: Vec<(u32, f32, Option<u32>)> = looked_at.flat_map_iter(covered).collect();
+        if stop(0) {
+            return None;
+        }
         let mut into: Vec<u32> = (0..areas.len() as u32).collect();
         for (cell, other) in covered.iter().filter_map(|(cell, _, other)| Some((*cell, (*other)?))) {
             let [from, to] = [cell, other].map(|cell| root(&into, cell));
