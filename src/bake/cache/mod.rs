@@ -27,7 +27,7 @@ use crate::storage::file::{mark_used, open, write_whole};
 use crate::storage::mapped::{Elements, Mapping};
 
 /// Version of the file format; incremented when the content changes.
-const FORMAT: &str = "39";
+const FORMAT: &str = "40";
 
 /// Hash of all inputs of a bake; names its file.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]

@@ -228,11 +228,11 @@ impl<'a> Neighbours<'a> {
             }
             found => {
                 // With NEIGHBOURS + 1 samples found, the last one gets weight 0, so weights are continuous where
-                // neighbours change.
+                // neighbours change. They fall fast with distance: wide kernels blur shadows and lose light at edges.
                 let reach = found[found.len() - 1].0.sqrt() * if found.len() > NEIGHBOURS { 1.0 } else { 2.0 };
                 for (i, &(distance2, sample)) in found.iter().take(NEIGHBOURS).enumerate() {
                     cell.samples[i] = sample;
-                    cell.weights[i] = if reach > 0.0 { (1.0 - distance2.sqrt() / reach).powi(2) } else { 1.0 };
+                    cell.weights[i] = if reach > 0.0 { (1.0 - distance2.sqrt() / reach).powi(4) } else { 1.0 };
                 }
                 let sum: f32 = cell.weights.iter().sum();
                 if sum > 0.0 {

@@ -396,8 +396,8 @@ const SKY_RAYS_DIVISOR: u32 = 4;
 pub const CLOSED: f64 = 1e-4;
 /// Eye paths per sample, which determine where samples are placed.
 const PATHS_A_SAMPLE: usize = 16;
-/// Minimum number of eye paths: they also detect hidden sides.
-const MIN_PATHS: usize = 1 << 17;
+/// Minimum number of eye paths: they also detect hidden sides, and a sample's BRDF is a mean over places that they met.
+const MIN_PATHS: usize = 1 << 19;
 /// Points per coarse sample from which its rays start.
 const RAY_POINTS: usize = 16;
 
@@ -429,7 +429,7 @@ fn functions(outgoing: &Outgoing, brdf: &Brdf, dropped: f32) -> u8 {
 }
 
 /// Maximum share of a material's energy in omitted functions, times its share of the picture's indirect light.
-const DROPPED: f32 = 0.004;
+const DROPPED: f32 = 0.0015;
 /// Numbers of functions up to an even degree; a material gets the smallest sufficient one. In a furnished room
 /// expansions that end with an odd degree are less accurate (docs/accuracy.md, "How many functions").
 const EVEN_DEGREES: [u8; 4] = [1, 9, 25, MAX_FUNCTIONS as u8];
