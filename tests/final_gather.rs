@@ -7,12 +7,12 @@ use std::f64::consts::PI;
 use common::drawn::tracing;
 use common::random::Random;
 use common::stage::{Build, Setup, Stage, emitter, lambert, look, mirror, pixels, rig};
-use common::{gpu, shipped, transfer};
+use common::{assert_near, gpu, shipped, transfer};
 use glam::{DVec3, Vec3};
 use rayon::ThreadPoolBuilder;
 use relume::bake::{BakeSettings, DeepFramebuffer, bake};
 use relume::final_gather::{Combination, FinalGather, LEAST_PASSES, Refined};
-use relume::reference::path_tracer::{Half, Layer, PathTracer};
+use relume::reference::path_tracer::{Half, Layer, PathTracer, Settings};
 use relume::relight::{Layers, LightChanges, Picture, Relighter, Request};
 use relume::scene::{AlphaMode, Camera, Light, LightKind, Material, Projection, Rig, Scene};
 use relume::trace::bvh::TracedScene;
@@ -181,6 +181,27 @@ fn surfaces_that_stop_half_of_the_light() {
         build.quad(DVec3::X * x, DVec3::Y, DVec3::Z, veil);
     }
     assert_alike("veils", means(&TracedScene::new(build.scene()), &into_a_corner(), 2 * SIDE, &lamp(), (8, 512)));
+}
+
+/// A wall whose vertex normals point up, away from the floor that the eye sees, lights the floor like a flat wall.
+#[test]
+fn normals_may_face_away() {
+    let mut build = Build::default();
+    let grey = build.material(lambert(Vec3::splat(0.7)));
+    build.room(DVec3::ZERO, 1.0, grey);
+    let flat = build.scene();
+    let mut smooth = build.scene();
+    let to_wall = smooth.mesh.normals.iter_mut().filter(|normal| **normal == Vec3::X);
+    assert_eq!(to_wall.map(|normal| *normal = Vec3::new(0.01, 1.0, 0.0).normalize()).count(), 4);
+    let [flat, smooth] = [flat, smooth].map(TracedScene::new);
+    let camera = look(DVec3::X * -0.6, DVec3::new(-0.6, -1.0, 0.0), DVec3::Z, Projection::Perspective { yfov: 0.5 });
+    let first_bounce = |scene: &TracedScene| {
+        let settings = Settings { max_bounces: Some(1), ..tracing(SIDE, SIDE) };
+        let film = PathTracer::new(scene, &camera, &lamp(), &settings).trace(64, &|| false, &|_| ());
+        film.layer(Half::Both, Layer::Indirect).into_iter().map(|pixel| f64::from(pixel[0])).sum::<f64>()
+    };
+    assert_near(first_bounce(&smooth), first_bounce(&flat), 0.002, "first bounce");
+    assert_alike("normals", means(&smooth, &camera, SIDE, &lamp(), (8, 512)));
 }
 
 /// A sun that shines into a box through a hole of its roof, on a wide plain: a thousandth of its rays get in.

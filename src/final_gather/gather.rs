@@ -295,7 +295,7 @@ impl Pass<'_> {
                     self.chances(cell).nth(lit.source as usize).expect("of each source")
                 }
             };
-            let (normal, geometric_normal) = (lit.surface.normal.as_dvec3(), lit.surface.geometric_normal.as_dvec3());
+            let geometric_normal = lit.surface.geometric_normal.as_dvec3();
             let light = PackedLight {
                 position: lit.surface.position + lit.surface.geometric_normal * self.scene.bvh.shadow_offset(0.0),
                 kind: LIGHT_FACET,
@@ -325,6 +325,7 @@ impl Pass<'_> {
                 let radiance = match lit.light {
                     Sent::Emitted => (lit.surface.coverage * lit.surface.emission).as_dvec3() * found.by_connection(),
                     Sent::Reflected { wi: from, irradiance } => {
+                        let normal = lit.surface.facing(-wi.as_vec3()).normal.as_dvec3();
                         let cosine = -normal.dot(wi);
                         if cosine <= 0.0 {
                             continue;
@@ -395,7 +396,7 @@ impl<R: Fn(u32) -> [f64; 4]> Walk<'_, R> {
         let mut is_straight = true;
         let mut last: Option<Last> = None;
         for number in 0.. {
-            let surface = SurfacePoint::new(scene, &hit, direction, 0.0);
+            let surface = SurfacePoint::new(scene, &hit, direction, 0.0).facing(-direction);
             let wo = -direction.as_dvec3().normalize();
             let facing = surface.geometric_normal.as_dvec3().dot(wo);
             let distance2 = f64::from(hit.distance * hit.distance) * direction.as_dvec3().length_squared();

@@ -88,8 +88,8 @@ impl SurfacePoint {
     }
 
     /// Replaces the shading normal by the geometric normal if both are on the same side of the surface, but only the
-    /// shading normal faces away from the eye: silhouettes of coarse meshes and steep normal maps are then not black.
-    /// `wo` is unit, towards the eye.
+    /// shading normal faces away from the viewer: silhouettes and creases of coarse meshes and steep normal maps are then
+    /// not black. `wo` is unit, towards the eye or the surface that reflects the light on.
     pub fn facing(self, wo: Vec3) -> Self {
         let faces_eye = self.normal.dot(wo) > 0.0 || self.geometric_normal.dot(wo) <= 0.0;
         let is_turned_away = !faces_eye && self.normal.dot(self.geometric_normal) > 0.0;

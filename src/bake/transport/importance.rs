@@ -181,7 +181,7 @@ impl Tracer<'_> {
     fn goes_on(&self, arrival: &Arrival) -> ScatterVertex {
         let place = arrival.place;
         let hit = Hit { triangle: place.triangle, barycentric: place.barycentric, distance: 0.0 };
-        let surface = SurfacePoint::new(self.paths.scene, &hit, -arrival.wo, 0.0);
+        let surface = SurfacePoint::new(self.paths.scene, &hit, -arrival.wo, 0.0).facing(arrival.wo);
         ScatterVertex {
             position: surface.position,
             geometric_normal: surface.geometric_normal,

@@ -118,7 +118,7 @@ impl<'a> Paths<'a> {
             if !sides.goes_on || layer == self.layers || !self.is_narrow(&hit) {
                 return;
             }
-            let surface = SurfacePoint::new(self.scene, &hit, direction, 0.0);
+            let surface = SurfacePoint::new(self.scene, &hit, direction, 0.0).facing(-direction);
             let Some((mirrored, share)) = bounce(&surface, -direction, random(layer)) else { return };
             tint *= share;
             if tint.max_element() < MIN_TINT {

@@ -155,7 +155,7 @@ impl PathTracer<'_> {
                 }
                 let Some(hit) = hit else { return segments };
                 last_distance = hit.distance;
-                point = SurfacePoint::new(self.scene, &hit, direction, 0.0);
+                point = SurfacePoint::new(self.scene, &hit, direction, 0.0).facing(-direction);
                 if point.emission.max_element() > 0.0 {
                     let looked_for = self.emitters.triangles.density(&point, direction, hit.distance);
                     let share = density.map_or(1.0, |density| density / (density + looked_for));
