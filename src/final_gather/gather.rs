@@ -98,6 +98,7 @@ struct Receiver<'a> {
 struct Vertex {
     lane: u8,
     source: u32,
+    /// With its own normal, by which connections are chosen.
     surface: SurfacePoint,
     wo: DVec3,
     /// What its radiance is multiplied by; with the probability of the source.
@@ -246,23 +247,23 @@ impl Pass<'_> {
             for vertices in of_source.chunks(count) {
                 let point = source.point(self.scene, random.at(self.number << 14 | number, 0));
                 number += 1;
-                let arriving: Vec<_> =
-                    vertices.iter().map(|vertex| source.arriving(self.scene, &point, &vertex.surface)).collect();
+                let seen: Vec<_> = vertices.iter().map(|vertex| vertex.surface.facing(vertex.wo.as_vec3())).collect();
+                let arriving: Vec<_> = seen.iter().map(|seen| source.arriving(self.scene, &point, seen)).collect();
                 if arriving.iter().all(Option::is_none) {
                     continue;
                 }
                 visibility.fill(255);
                 if source.casts_shadows() {
-                    let packet = packet(vertices.iter().map(|vertex| &vertex.surface));
+                    let packet = packet(seen.iter());
                     trace_packets(source.linked(self.scene), &point.packed, &[packet], &mut visibility);
                 }
-                for ((vertex, arriving), visible) in vertices.iter().zip(arriving).zip(visibility) {
+                for (((vertex, surface), arriving), visible) in vertices.iter().zip(&seen).zip(arriving).zip(visibility)
+                {
                     let Some(arriving) = arriving.filter(|_| visible > 0) else { continue };
-                    let surface = &vertex.surface;
                     let mut found = Found { rays: vertex.density, chance: vertex.chance, ..Found::default() };
                     if vertex.density.is_some() {
                         let light = Sent::Reflected { wi: arriving.wi, irradiance: arriving.irradiance };
-                        found.connections = bounds.connections(source, surface, light);
+                        found.connections = bounds.connections(source, &vertex.surface, light);
                     }
                     let normal = surface.normal.as_dvec3();
                     let solid_angle = source.solid_angle(&point, surface.position, arriving.wi);
@@ -396,7 +397,8 @@ impl<R: Fn(u32) -> [f64; 4]> Walk<'_, R> {
         let mut is_straight = true;
         let mut last: Option<Last> = None;
         for number in 0.. {
-            let surface = SurfacePoint::new(scene, &hit, direction, 0.0).facing(-direction);
+            let surface = SurfacePoint::new(scene, &hit, direction, 0.0);
+            let seen = surface.facing(-direction);
             let wo = -direction.as_dvec3().normalize();
             let facing = surface.geometric_normal.as_dvec3().dot(wo);
             let distance2 = f64::from(hit.distance * hit.distance) * direction.as_dvec3().length_squared();
@@ -409,7 +411,7 @@ impl<R: Fn(u32) -> [f64; 4]> Walk<'_, R> {
                     None => self.emission(&surface, weight, by_area),
                 }
             }
-            let normal = surface.normal.as_dvec3();
+            let normal = seen.normal.as_dvec3();
             let cosine = normal.dot(wo);
             if cosine <= 0.0 {
                 return;
@@ -448,7 +450,7 @@ impl<R: Fn(u32) -> [f64; 4]> Walk<'_, R> {
                     return;
                 }
                 weight *= specular / goes_on;
-                direction = surface.mirrored(wo.as_vec3());
+                direction = seen.mirrored(wo.as_vec3());
             }
             density = None;
             let origin = off(scene, surface.position, surface.geometric_normal, direction, hit.distance);
